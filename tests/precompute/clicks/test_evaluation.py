@@ -1,4 +1,4 @@
-"""Laws of the judge: levels rise with the waveform, the nominal plant is not a sample, times are when it happens."""
+"""Laws of the judge: levels rise with the waveform, times are when it happens; of the nominal plant in time."""
 
 from collections.abc import Sequence
 
@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from base.arrays import Array
-from engine.table.clicks import ClickFigures
+from engine.table.clicks import ClickFigures, played_at
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for, make_tones
 from precompute.clicks.click_plants import SampledPlants, weighting
 from precompute.clicks.click_responses import Responses
-from precompute.clicks.evaluation import decibels, evaluate_waveform
+from precompute.clicks.evaluation import NominalFingers, decibels, evaluate_waveform
 from precompute.clicks.percentiles import ManyPlants
 from precompute.sampling.plants import sample_scenarios
+from tests.precompute.clicks.click_cases import placed, solver_of
 from tests.precompute.devices import shipped
 
 POSITION_M = (30e-3, 80e-3, 190e-3)
@@ -74,3 +75,22 @@ def test_times_are_those_of_the_nominal_course_at_each_level(responses: Response
     assert strongest.peak_s == course.argmax(axis=1).max() / EVALUATION_RATE_HZ
     late = course[:, round(0.05 * EVALUATION_RATE_HZ) :].max()
     assert strongest.residual_db == pytest.approx(float(decibels(late)), abs=1e-3)
+
+
+CASES = [("reference-a", "F--q-"), ("reference-a", "F----"), ("reference-t", "FqFqF"), ("reference-p", "F----q")]
+
+
+@pytest.mark.parametrize(("name", "letters"), CASES)
+def test_they_feel_what_the_evaluation_has_of_the_nominal_plant_and_as_much_less_of_a_weaker_click(
+    name: str, letters: str
+) -> None:
+    """The evaluation leaves out what lies above its lines, which the accelerations of quiet fingers show."""
+    solver = solver_of(name)
+    click, nominal = solver.solve(placed(solver.device, letters)), NominalFingers(solver.device)
+    whole, softer = (
+        nominal.under(each, click.placement.position_m) for each in (click, played_at(click, click.level_db - 5.0))
+    )
+    for one, other, evaluated in zip(whole, softer, click.fingers, strict=True):
+        assert one.level_db == pytest.approx(evaluated.level_db, abs=0.1)
+        assert one.acceleration_at_finger_m_per_s2 == pytest.approx(evaluated.acceleration_at_finger_m_per_s2, rel=0.12)
+        assert one.level_db - other.level_db == pytest.approx(5.0)

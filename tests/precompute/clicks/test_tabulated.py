@@ -1,13 +1,21 @@
-"""Laws of tabulated clicks: every placement of up to two fingers that can come, each once, by any processes."""
+"""Laws of tabulated clicks: every placement of up to two fingers that can come, each once; of their options."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from engine.table import Table, TableError
 from engine.touch import Placement
 from engine.touch.placement import CLOSEST_M, Places
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_options import read_click_options
 from precompute.clicks.tabulated import tabulate_clicks, tabulated_keys
+from tests.engine.made_table import write_table
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
 
@@ -44,3 +52,15 @@ def test_clicks_are_the_same_by_however_many_processes(monkeypatch: pytest.Monke
     for key, click in one.items():
         assert np.array_equal(click.weights, two[key].weights) and click.felt == two[key].felt
         assert click.tolerance_m == places.pitch_m / 2 + 1e-3
+
+
+def test_options_are_read_unknown_ones_refused_and_none_are_the_defaults(tmp_path: Path) -> None:
+    options = ClickOptions(quiet_db=1.0, tolerance_m=2e-3)
+    path = write_table(tmp_path / "bar.nc", shipped("reference-a"), click_options=json.dumps(asdict(options)))
+    with Table.open(path, verify=False) as table:
+        assert read_click_options(table) == options
+        table.attributes["click_options"] = json.dumps({**asdict(options), "colour": 3})
+        with pytest.raises(TableError, match=r"unknown here: colour; build it again"):
+            read_click_options(table)
+        del table.attributes["click_options"]
+        assert read_click_options(table) == DEFAULT_OPTIONS

@@ -1,4 +1,4 @@
-"""Laws of the assembled plant: mesh, damping, fingers, natural frequencies at order 4."""
+"""Laws of the assembled plant: mesh, damping, fingers, natural frequencies at order 4; of the solver of bands."""
 
 import itertools
 from collections.abc import Callable
@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 from base.arrays import Array
 from engine.device import Device, Zone
 from engine.device.surface_description import CLICKS_TOP_HZ
-from precompute.model.assembly import assemble, assemble_bar, build_mesh, dense
+from precompute.model.assembly import BANDWIDTH, assemble, assemble_bar, build_mesh, dense
+from precompute.model.band_solver import solve_banded
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.plant import Plant
 from precompute.model.response import solve_response
@@ -147,3 +148,24 @@ def test_responses_are_right_to_a_twentieth_of_a_percent_at_resonances_and_in_th
 ) -> None:
     for stop_hz in (device.sweep.stop_hz, CLICKS_TOP_HZ):
         assert error(device, frequencies(device, device.sweep.start_hz, stop_hz)).max() < 5e-4
+
+
+@given(st.integers(1, 40), st.integers(0, 2**32))
+def test_banded_kernel_solves_any_band_even_where_pivots_are_small(size: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    K, C, M = random.normal(size=(3, BANDWIDTH + 1, size))
+    K[-1] *= random.choice([0.0, 1e-12, 1.0], size)  # diagonal that only pivoting survives
+    C[-1] *= 1e-3
+    M[-1] = 0.0
+    dof, spring, damper = np.array([size // 2]), np.array([1.5]), np.array([0.25])
+    out = np.zeros((2, 1, size), dtype=complex)
+    omega = np.array([0.3, 2.0])
+    weight = np.zeros((1, 4))
+    weight[0, : min(4, size - size // 2)] = random.normal(size=min(4, size - size // 2))
+    solve_banded(K, C, M, omega, dof, weight, spring, damper, out)
+    for w, found in zip(omega, out[:, 0], strict=True):
+        matrix = dense(K) + 1j * w * dense(C) - w * w * dense(M)
+        right = np.zeros(size, dtype=complex)
+        right[size // 2 : size // 2 + 4] = (1.5 + 0.25j * w) * weight[0, : size - size // 2]
+        scale = np.abs(matrix).sum(axis=1).max() * np.abs(found).max() + np.abs(right).max()
+        assert np.abs(matrix @ found - right).max() <= 1e-12 * scale

@@ -7,9 +7,9 @@ from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
-from precompute.model.modal import CONVERGED, ModalModel, compute_basis, compute_modal_model
+from precompute.model.modal import CONVERGED, ModalModel, Mode, compute_basis, compute_modal_model, compute_modes
 from precompute.model.response import solve_response
-from tests.precompute.devices import any_bar, random_device
+from tests.precompute.devices import any_bar, random_device, shipped
 
 
 def steady_acceleration(model: ModalModel, frequency_hz: float, position_m: Array) -> Complex:
@@ -44,3 +44,25 @@ def loaded_error(device: Device, top_hz: float) -> float:
 def test_as_many_modes_as_the_band_needs_leave_a_hundredth_of_a_decibel(device: Device) -> None:
     for top_hz in (device.sweep.stop_hz, CLICKS_TOP_HZ):
         assert loaded_error(device, top_hz) < 1.5 * CONVERGED  # at other frequencies than they were counted at
+
+
+DEVICE = shipped("reference-a")
+POINTS_M = np.linspace(0.0, DEVICE.bar.length_m, 101)
+
+
+def modes_of(up_to_hz: float) -> tuple[Mode, ...]:
+    return compute_modes(DEVICE, POINTS_M, up_to_hz, ())
+
+
+def test_frequency_and_damping_are_those_of_the_peak_of_the_response() -> None:
+    """At f (1 +- zeta) the magnitude of a mode far from others is 1 / sqrt 2 of that at its peak."""
+    mode = modes_of(1000.0)[0]  # 34 Hz; the next is at 122 Hz
+    about_hz = mode.frequency_hz * (1 + mode.damping_ratio * np.array([-1.0, 0.0, 1.0]))
+    low, peak, high = np.abs(solve_response(assemble(DEVICE), about_hz).displacement_m[:, 0, 0])
+    assert [low / peak, high / peak] == pytest.approx([2**-0.5] * 2, rel=0.08)
+
+
+def test_the_modes_rise_and_end_where_they_are_asked_to() -> None:
+    found = [mode.frequency_hz for mode in modes_of(up_to_hz=300.0)]
+    assert found == sorted(found) and found[-1] <= 300.0
+    assert len(modes_of(up_to_hz=600.0)) > len(found)

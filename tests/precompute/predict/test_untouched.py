@@ -1,4 +1,4 @@
-"""The greatest localized factor of the untouched bar: no sampled drive has more, and the paper's words are met."""
+"""The greatest localized factor of the untouched bar: no sampled drive has more. Which estimates matter."""
 
 from dataclasses import replace
 from functools import cache
@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 from base.arrays import Complex
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_steady_state
 from precompute.model.plant import Plant
+from precompute.predict.estimates import weigh_estimates
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tests.precompute.devices import every_device, shipped
+from tests.small_device import small_text
 
 
 @cache
@@ -61,3 +64,14 @@ def test_an_actuator_out_of_its_band_is_not_driven() -> None:
         assert np.count_nonzero(drive.amplitude) == 1
         low_hz, high_hz = narrow.actuators[int(abs(drive.amplitude).argmax())].band_hz
         assert low_hz <= drive.frequency_hz[0] <= high_hz
+
+
+def test_a_full_scale_scales_its_actuator_alone_and_what_is_beside_the_model_weighs_nothing() -> None:
+    text = small_text().replace('inferred = ["mass", "band"]', 'inferred = ["full_scale", "band"]')
+    device = Device.parse(text, "bar")
+    weighed = dict(weigh_estimates(device))
+    shares = [weighed[f"actuator[{number}].full_scale"] for number in (1, 2)]
+    # Together the actuators are the whole response, whose tenth is a tenth of its norm.
+    assert sum(share**2 for share in shares) == pytest.approx(0.01, rel=1e-6)
+    assert not {"actuator[1].band", "finger.spread", "spread.mass"} & weighed.keys()
+    assert list(weighed.values()) == sorted(weighed.values(), reverse=True)
