@@ -1,4 +1,4 @@
-"""The command `measure`: on a simulated bench, and over a real terminal with a real pipe of samples."""
+"""The commands `measure` and `verify`: on a simulated bench, and over a real terminal with a real pipe of samples."""
 
 import json
 import os
@@ -6,17 +6,24 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from engine.device import Device
+from engine.table import Table
+from engine.table.best_rows import write_best_rows
+from engine.table.netcdf_file import TableWriter
 from firmware_link.emulator.emulator_process import run_emulator
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import Kind
+from tactable.measure import verification
 from tactable.measure.sensor import SensorForm, write_header
 from tests.engine.loop.rig import DEVICE
+from tests.engine.made_states import rows_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated")
@@ -123,3 +130,61 @@ def test_transfer_functions_are_found_and_written_into_a_new_device_file(tmp_pat
     again = run_here(tmp_path, "measure", "true.toml", "-o", "bar.csv", *SIMULATED, *words)
     assert again.returncode == 1
     assert "found.toml: exists already" in again.stderr
+
+
+VERIFIED = (*SIMULATED, "--places", "1", "--placements", "2")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def bars_once() -> Iterator[None]:
+    """The bars that a table holds for possible are the same each time that it is verified."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verification, "PossibleSurfaces", cache(verification.PossibleSurfaces))
+        yield
+
+
+def verified(folder: Path, table: Path, *words: str, exit_status: int) -> dict[str, Any]:
+    done = run_here(folder, "verify", str(table), *VERIFIED, *words, "--json")
+    assert done.returncode == exit_status, done.stderr
+    summary = json.loads(done.stdout)
+    assert isinstance(summary, dict) and summary["simulated"]
+    return summary
+
+
+def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks_whatever_offset_and_sign_of_the_sensor_are(
+    tmp_path: Path, click_table: Path
+) -> None:
+    flaws = "drift=40,offset=50m/s^2,gain=-200%"
+    summary = verified(tmp_path, click_table, "-o", "seen.png", "-o", "seen.csv", "--flaws", flaws, exit_status=0)
+    assert (summary["verdict"], summary["kept"]) == ("kept", 4)
+    assert summary["faults"] == {"CLOCK_DRIFT": 2, "OFFSET": 4}
+    assert sorted(point["kind"] for point in summary["points"]) == ["click", "click", "drive", "drive"]
+    for point in summary["points"]:
+        assert point["low_m_per_s2"] < point["promised_m_per_s2"] < point["high_m_per_s2"]
+        assert abs(point["difference_db"]) < (0.1 if point["kind"] == "drive" else 0.5)
+    assert (tmp_path / "seen.png").stat().st_size > 10_000
+    assert len((tmp_path / "seen.csv").read_text(encoding="utf-8").splitlines()) == 5
+
+
+def with_rows(click_table: Path, path: Path) -> Path:
+    with Table.open(click_table) as table, TableWriter(path) as writer:
+        kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
+        writer.describe({key: value.item() if hasattr(value, "item") else value for key, value in kept.items()})
+        table.copy_groups(writer, ["responses", "modes", "entries", "clicks"])
+        write_best_rows(writer, rows_of(table.device), table.device)
+    return path
+
+
+@pytest.mark.parametrize("tones", [1, 2])
+def test_the_bar_of_a_table_keeps_what_rows_of_the_sweep_promise(tmp_path: Path, click_table: Path, tones: int) -> None:
+    path = click_table if tones == 1 else with_rows(click_table, tmp_path / "two.nc")
+    summary = verified(tmp_path, path, "--drives", "zones", exit_status=0)
+    assert (summary["verdict"], summary["kept"]) == ("kept", 2)
+    assert all(point["kind"] == "drive" and abs(point["difference_db"]) < 0.1 for point in summary["points"])
+
+
+def test_another_bar_is_beyond_the_promise_and_the_exit_status(tmp_path: Path, click_table: Path) -> None:
+    done = run_here(tmp_path, "verify", str(click_table), *VERIFIED, "--change", "actuator.full_scale=0.8 µm")
+    assert done.returncode == 3, done.stderr
+    assert "4 break it" in done.stdout and "the bar does not keep the promise" in done.stdout
+    assert "measure the bar and calibrate" in done.stderr
