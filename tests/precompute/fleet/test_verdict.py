@@ -15,7 +15,7 @@ from precompute.fleet.verdict import FEWEST, LIMITS, Judgement, judge, lot_value
 from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import default_names
 from precompute.measurements.types import Kind
-from tests.precompute.calibration.test_adequacy import PARAMETER, REPORT
+from tests.precompute.calibration.test_doubts import PARAMETER, REPORT
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, read_bar
 
