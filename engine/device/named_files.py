@@ -15,7 +15,7 @@ from engine.device.parts import DeviceError
 from engine.device.quantity import QuantityError, read_number
 from engine.device.toml_table import read_text
 
-_TABLES = {"finger": "fingers", "spread": "spreads"}  # tables that a name may stand for, and the folders of such files
+_TABLES = ("finger", "spread")  # that a name may stand for
 IMPEDANCE_HEADER = "frequency (Hz),real (N s/m),imaginary (N s/m)"
 
 
@@ -42,7 +42,7 @@ def with_files_inside(text: str, source: str, folder: Path | None) -> str:
         named = document.get(key)
         if isinstance(named, str):
             is_path = _is_path(named, ".toml")
-            path = _resolve(named, source, folder, key) if is_path else _shipped(key, named, source)
+            path = _resolve(named, source, folder, key) if is_path else find_shipped(key, named, source)
             if key == "finger":
                 finger_folder = path.parent
             document.pop(key)
@@ -69,13 +69,13 @@ def text_with_threshold(text: str, curve: Path | str, source: str) -> str:
 
 
 def shipped_names(key: str) -> list[str]:
-    """Names of the shipped fingers, or spreads, by the key of their table."""
-    return sorted(path.stem for path in shipped(Path(__file__).parent, _TABLES[key]).glob("*.toml"))
+    """Names of the shipped fingers, spreads or thresholds, by the key of their table."""
+    return sorted(path.stem for path in shipped(Path(__file__).parent, f"{key}s").glob("*.toml"))
 
 
 def shipped_path(key: str, name: str) -> Path:
     """The file of one of these."""
-    return shipped(Path(__file__).parent, _TABLES[key]) / f"{name}.toml"
+    return shipped(Path(__file__).parent, f"{key}s") / f"{name}.toml"
 
 
 def read_impedance(path: Path, source: str) -> list[list[float]]:
@@ -106,8 +106,9 @@ def _resolve(name: str, source: str, folder: Path | None, key: str) -> Path:
     return folder / name
 
 
-def _shipped(key: str, name: str, source: str) -> Path:
-    if name not in shipped_names(key):
+def find_shipped(key: str, name: object, source: str) -> Path:
+    """The file of one of these; raises DeviceError with the known ones."""
+    if not isinstance(name, str) or name not in shipped_names(key):
         known = ", ".join(shipped_names(key))
         raise DeviceError(
             f"{source}: {key}: {str(name)!r}: expected a shipped {key} ({known}), the path of a TOML file like theirs, "

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from base.arrays import Array
-from base.files import shipped
+from engine.device.named_files import find_shipped, shipped_path
 from engine.device.parts import DeviceError
 from engine.device.toml_table import TomlTable, read_text
 
@@ -109,28 +109,17 @@ class _CurveTable(TomlTable):
     family = DeviceError
 
 
-def shipped_thresholds() -> list[str]:
-    """Names of the shipped curves."""
-    return sorted(path.stem for path in shipped(Path(__file__).parent, "thresholds").glob("*.toml"))
-
-
 def read_threshold(value: object, source: str) -> Threshold:
     """The curve of a description: the name of a shipped one, or a table with a curve's keys. Raises DeviceError."""
     if isinstance(value, dict):
         return _curve_of(_CurveTable(source, "threshold", value))
-    if isinstance(value, str) and value in shipped_thresholds():
-        return shipped_threshold(value)
-    known = ", ".join(shipped_thresholds())
-    raise DeviceError(
-        f"{source}: threshold: {value!r}: expected a shipped curve ({known}), the path of a TOML file like theirs, or "
-        f"a table [threshold]"
-    )
+    return shipped_threshold(find_shipped("threshold", value, source).stem)
 
 
 @cache
 def shipped_threshold(name: str) -> Threshold:
     """A shipped curve by its name; raises DeviceError for another one."""
-    return read_threshold_file(shipped(Path(__file__).parent, "thresholds") / f"{name}.toml")
+    return read_threshold_file(shipped_path("threshold", name))
 
 
 def read_threshold_file(path: Path) -> Threshold:

@@ -1,7 +1,7 @@
 """Parses the items of a HID report descriptor into the fields that they declare (HID 1.11 section 6.2.2)."""
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -202,32 +202,16 @@ class _Parser:
             raise DescriptorError("ends inside open collections", offset, len(self._collections))
 
     def _read_global(self, item: _Item) -> None:
-        state = self._globals
         match item.tag:
-            case 0x0:
-                state.usage_page = item.unsigned & 0xFFFF
-            case 0x1:
-                state.logical_minimum = item.signed
-            case 0x2:
-                state.logical_maximum = item.data
-            case 0x3:
-                state.physical_minimum = item.signed
-            case 0x4:
-                state.physical_maximum = item.data
-            case 0x5:
-                state.unit_exponent = _unit_exponent(item.unsigned)
-            case 0x6:
-                state.unit = item.unsigned
-            case 0x7:
-                state.report_size = _bounded(item, "report size")
             case 0x8:
-                state.report_id = self._report_id(item)
-            case 0x9:
-                state.report_count = _bounded(item, "report count")
+                self._globals.report_id = self._report_id(item)
             case 0xA:
                 self._push(item)
             case 0xB:
                 self._pop(item)
+            case _ if item.tag in _GLOBAL_VALUES:
+                name, value_of = _GLOBAL_VALUES[item.tag]
+                setattr(self._globals, name, value_of(item))
             case _:
                 raise DescriptorError("unknown global item", item.offset, item.tag)
 
@@ -367,3 +351,17 @@ def _maximum(data: bytes, minimum: int) -> int:
 def _unit_exponent(value: int) -> int:
     """The exponent as a signed nibble; some devices write the same number as a byte (0xFE for -2)."""
     return (value & 0x0F ^ 0x08) - 0x08
+
+
+_GLOBAL_VALUES: Mapping[int, tuple[str, Callable[[_Item], object]]] = {
+    0x0: ("usage_page", lambda item: item.unsigned & 0xFFFF),
+    0x1: ("logical_minimum", lambda item: item.signed),
+    0x2: ("logical_maximum", lambda item: item.data),
+    0x3: ("physical_minimum", lambda item: item.signed),
+    0x4: ("physical_maximum", lambda item: item.data),
+    0x5: ("unit_exponent", lambda item: _unit_exponent(item.unsigned)),
+    0x6: ("unit", lambda item: item.unsigned),
+    0x7: ("report_size", lambda item: _bounded(item, "report size")),
+    0x9: ("report_count", lambda item: _bounded(item, "report count")),
+}
+"""The fields of _Globals that an item sets, by its tag."""

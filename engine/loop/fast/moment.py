@@ -311,14 +311,8 @@ def _set_plan(place: Any, report_id: int, plan: ReportPlan, columns: Sequence[in
 
 def _set_slot(place: Any, slot: SlotPlan, columns: Sequence[int]) -> None:
     start: int = slot.place.start
-    for field, number in (
-        (place.tip, slot.tip),
-        (place.contact_id, slot.contact_id),
-        (place.valid, slot.valid),
-        (place.hover, slot.hover),
-        (place.confidence, slot.confidence),
-    ):
-        _set_bits(field, start, number)
+    for field in ("tip", "contact_id", "valid", "hover", "confidence"):
+        _set_bits(getattr(place, field), start, getattr(slot, field))
     place.place[1] = type(place.place[1])()
     for side, column in zip(place.place, columns, strict=False):
         position = slot.x if column == 1 else slot.y

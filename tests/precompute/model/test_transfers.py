@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from engine.device import Device, Threshold
-from engine.device.threshold import DEFAULT, shipped_threshold, shipped_thresholds
+from engine.device.named_files import shipped_names
+from engine.device.threshold import DEFAULT, shipped_threshold
 from precompute.clicks.click_basis import lines_for
 from precompute.clicks.click_plants import SampledPlants
 from precompute.model.assembly import assemble
@@ -123,7 +124,8 @@ def test_rise_times_are_of_the_bases_as_they_move() -> None:
 rates = pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 48000.0])
 TOLERANCE_DB = {DEFAULT: 0.03, "android": 0.2}
 """A curve with corners close to each other needs a longer filter than 0.1 s."""
-curves = pytest.mark.parametrize("curve", list(map(shipped_threshold, shipped_thresholds())), ids=shipped_thresholds())
+NAMES = shipped_names("threshold")
+curves = pytest.mark.parametrize("curve", list(map(shipped_threshold, NAMES)), ids=NAMES)
 
 
 @rates
