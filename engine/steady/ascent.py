@@ -83,6 +83,32 @@ def evaluate(a, usable, forms, felt, quiet, log_wanted, beta, gradient, work):  
     return value
 
 
+@kernel(types.void(REAL, _SPACE))
+def _begin(g, inverse):  # type: ignore[no-untyped-def]  # numba
+    """Begin the inverse Hessian, of which nothing is known: a short step along the gradient."""
+    square = 0.0
+    for i in range(len(g)):
+        square += g[i] * g[i]
+    for i in range(len(g)):
+        for j in range(len(g)):
+            inverse[i, j] = 0.1 / max(1.0, np.sqrt(square)) if i == j else 0.0
+
+
+@kernel(types.void(REAL, REAL, types.float64, REAL, _SPACE))
+def _update(s, y, curvature, moved, inverse):  # type: ignore[no-untyped-def]  # numba
+    """Update the inverse Hessian by a step s and the change y of the gradient (BFGS); moved: space."""
+    total = 0.0
+    for i in range(len(s)):
+        moved[i] = 0.0
+        for j in range(len(s)):
+            moved[i] += inverse[i, j] * y[j]
+        total += moved[i] * y[i]
+    factor = (1.0 + total / curvature) / curvature
+    for i in range(len(s)):
+        for j in range(len(s)):
+            inverse[i, j] += factor * s[i] * s[j] - (moved[i] * s[j] + s[i] * moved[j]) / curvature
+
+
 @kernel(types.void(DRIVE, USABLE, ROWS, types.int64, types.int64, types.float64, types.float64, types.float64))
 def climb(a, usable, forms, felt, quiet, log_wanted, start, stop):  # type: ignore[no-untyped-def]  # numba
     """Quasi-Newton (BFGS) ascent of `a` in place, from sharpness `start` to `stop`."""
@@ -108,13 +134,7 @@ def climb(a, usable, forms, felt, quiet, log_wanted, start, stop):  # type: igno
         for i in range(m):
             a[i] /= np.sqrt(length)
         value = evaluate(a, usable, forms, felt, quiet, log_wanted, beta, gradient, work)
-        # Of the inverse Hessian nothing is known at first: a short step along the gradient.
-        square = 0.0
-        for i in range(size):
-            square += g[i] * g[i]
-        for i in range(size):
-            for j in range(size):
-                inverse[i, j] = 0.1 / max(1.0, np.sqrt(square)) if i == j else 0.0
+        _begin(g, inverse)
         for _ in range(_ITERATIONS):
             slope, square = 0.0, 0.0
             for i in range(size):
@@ -146,18 +166,8 @@ def climb(a, usable, forms, felt, quiet, log_wanted, start, stop):  # type: igno
             for i in range(m):
                 a[i] = trial[i]
             value = new
-            # BFGS update of the inverse Hessian; a step of no or negative curvature leaves it.
-            if curvature > 1e-14:
-                total = 0.0
-                for i in range(size):
-                    moved[i] = 0.0
-                    for j in range(size):
-                        moved[i] += inverse[i, j] * y[j]
-                    total += moved[i] * y[i]
-                factor = (1.0 + total / curvature) / curvature
-                for i in range(size):
-                    for j in range(size):
-                        inverse[i, j] += factor * s[i] * s[j] - (moved[i] * s[j] + s[i] * moved[j]) / curvature
+            if curvature > 1e-14:  # a step of no or negative curvature says nothing
+                _update(s, y, curvature, moved, inverse)
             if gain < _GAIN:
                 break
         if beta >= stop:
