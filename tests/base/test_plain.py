@@ -1,4 +1,4 @@
-"""Laws of plain values."""
+"""Laws of values in other forms: plain ones for JSON, points as numbers, and text that commands no terminal."""
 
 import json
 import math
@@ -8,8 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from base.plain import to_plain
+from base.points import clip_point, clip_points, is_within
+from base.printable import printable
 
 
 class Colour(Enum):
@@ -75,3 +79,24 @@ def test_what_json_cannot_say_is_refused(value: object) -> None:
 
 def test_a_complex_number_is_its_two_parts() -> None:
     assert to_plain({"at": 1 + 2j, "all": np.array([3j])}) == {"at": [1.0, 2.0], "all": [[0.0, 3.0]]}
+
+
+parts_m = st.floats(-1.0, 1.0)
+
+
+@given(parts_m, parts_m, st.floats(0.01, 0.5), st.floats(0.01, 0.5))
+def test_a_clipped_point_is_the_nearest_on_the_surface(x_m: float, y_m: float, length_m: float, width_m: float) -> None:
+    for point, corner_m in ((x_m, length_m), (complex(x_m, y_m), complex(length_m, width_m))):
+        clipped = clip_point(point, corner_m)
+        assert clipped == clip_points(point, corner_m)
+        assert is_within(clipped, corner_m) and type(clipped) is type(point)
+
+
+@pytest.mark.parametrize("code", ["\x1b", "\x07", "\r", "\x08", "\x00", "\x7f", "\x9b", "\u202e", "\u2066", "\udc80"])
+def test_what_would_command_a_terminal_is_replaced(code: str) -> None:
+    assert printable(f"a{code}b") == "a\N{REPLACEMENT CHARACTER}b"
+
+
+@pytest.mark.parametrize("text", ["", "Bar 3, µm ± 4\tx\n", "指 ü\u00a0é\u202f10"])
+def test_what_is_only_shown_stays(text: str) -> None:
+    assert printable(text) == text

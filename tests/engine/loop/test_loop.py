@@ -1,19 +1,36 @@
-"""The loop from reports to an emulated firmware, in virtual time."""
+"""The loop from reports to an emulated firmware, its ring, clicks and measured fingers, in virtual time."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.loop.command_latency import Stage
+from engine.loop.ring import Record, RingReader, RingWriter
+from engine.steady.cases import MeasuredFinger
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import Cause, DriveEvent
-from firmware_link.host.link_values import LinkState
+from firmware_link.host.link_values import Event, LinkState
 from firmware_link.protocol.messages import DeviceState
-from tests.engine.loop.rig import DEVICE, Rig, Watch, held, index_of, recording_of, report
+from tests.engine.loop.rig import (
+    BIT_RATE_HZ,
+    BURSTS,
+    DEVICE,
+    HELD,
+    Rig,
+    Watch,
+    held,
+    index_of,
+    recording_of,
+    rendering_of,
+    report,
+)
 from tests.engine.loop.test_pipeline import EVERY_TRIGGER
+from tests.engine.loop.test_table_swap import Later
 from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
@@ -252,3 +269,105 @@ def test_after_a_reconnect_an_old_click_is_not_played() -> None:
     rig.run()
     assert rig.loop.counters.reconnects == 1
     assert [waveform for _, waveform in plays(rig)] == [0]
+
+
+FINGER = MeasuredFinger(0.1 * DEVICE.bar.length_m, 0.7, 0.1)
+
+
+@dataclass
+class OneFinger:
+    """Tells one finger at a time, and hears nothing of the board."""
+
+    line: VirtualLine
+    at_ns: int
+    is_listening = False
+    told = False
+
+    def fileno(self) -> int:
+        return -2
+
+    def poll(self) -> Sequence[MeasuredFinger] | None:
+        if self.told or self.line.time_ns < self.at_ns:
+            return None
+        self.told = True
+        return [FINGER]
+
+    def begin_stream(self) -> None:
+        pytest.fail("the board is not listened to")
+
+    def take_event(self, event: Event) -> None:
+        pytest.fail(f"the board is not listened to: {event}")
+
+
+class MeasuringRig(Rig):
+    """A finger in zone I for half a second, which is measured after 100 ms."""
+
+    def __init__(self, **more: object) -> None:
+        line = VirtualLine(wakes_every_ns=MS)
+        told, self.later = OneFinger(line, 0), Later(line)
+        recording = recording_of(*held(0.0, 0.5, (1, 0.1)))
+        super().__init__(recording, line, measuring=told, updates=self.later, **more)  # type: ignore[arg-type]
+        told.at_ns = self.start_ns + 100 * MS
+
+
+def test_a_steady_drive_is_played_anew_for_the_finger_that_was_measured() -> None:
+    rig = MeasuringRig().run()
+    assert rig.played()[:2] == [101.0, 101.06]
+    began_ms = [(1000 * event.device_time_us - rig.start_ns) / MS for event in rig.log[:2]]
+    assert began_ms[1] == pytest.approx(100, abs=5)
+
+
+def test_a_drive_that_follows_a_click_s_time_is_not_begun_for_it() -> None:
+    """Bursts end after 50 ms: where nothing is played any more, a measured finger brings nothing."""
+    rig = MeasuringRig(effects=BURSTS).run()
+    assert rig.steady.measured == [FINGER] and 101.06 not in rig.played()
+
+
+def test_a_new_table_knows_the_fingers_that_were_measured() -> None:
+    rig = MeasuringRig()
+    assert rig.session.link.capabilities is not None
+    coming = rendering_of(rig.session.link.capabilities, HELD, rig.clicks, always_hz=None)
+    rig.later.coming = [(rig.start_ns + 200 * MS, coming)]
+    rig.run()
+    assert coming.renderer.steady.measured == [FINGER]  # type: ignore[attr-defined]
+
+
+def run_with_ring(
+    path: Path, *frames: tuple[float, bytes], effects: Effects = HELD, bit_rate_hz: int = BIT_RATE_HZ
+) -> tuple[Rig, list[Record]]:
+    with RingWriter(path) as writer, RingReader(path) as reader:
+        rig = Rig(recording_of(*frames), effects=effects, bit_rate_hz=bit_rate_hz, ring=writer).run()
+        return rig, list(reader.read())
+
+
+def test_the_ring_has_every_report_and_command_with_its_fingers_its_sequence_and_its_stamps(tmp_path: Path) -> None:
+    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.1), (2, 0.5)), (0.2, report(lifted=[1, 2]))]
+    rig, records = run_with_ring(tmp_path / "ring", *frames)
+    told = [(record.report_index, record.report) for record in records if record.report]
+    assert told == [(r.index, r.data) for r in rig.recording.reports]
+    assert all(later.time_ns >= earlier.time_ns for earlier, later in pairwise(records))
+    sent = [record for record in records if record.drive_sequence is not None]
+    changes = [change for change in rig.trace if change.drive_sequence is not None]
+    assert [(r.report_index, r.placement, r.drive_sequence, r.touches) for r in sent] == [
+        (c.report_index, c.placement, c.drive_sequence, tuple(c.touches)) for c in changes
+    ]
+    assert [touch.zone for touch in sent[1].touches] == [0, 2]
+    assert [list(record.stamps_ns) for record in sent] == rig.latency.rows_ns().tolist()
+    assert sent[-1].counters.commands == rig.loop.counters.commands
+
+
+def test_what_time_alone_brings_is_told_too(tmp_path: Path) -> None:
+    frames = [(0.0, report((1, 0.1))), (0.1, report(lifted=[1]))]
+    rig, records = run_with_ring(tmp_path / "ring", *frames, effects=BURSTS)
+    (ended,) = [record for record in records if record.report_index is None]
+    assert (ended.placement, ended.level_db) == (rig.trace[1].placement, None)
+    assert ended.drive == b""
+
+
+def test_a_command_that_the_line_held_up_is_told_when_it_has_left(tmp_path: Path) -> None:
+    places = [0.1, 0.3, 0.5, 0.7, 0.9]
+    frames = [(0.0005 * i, report((1, place))) for i, place in enumerate(places)]
+    rig, records = run_with_ring(tmp_path / "ring", *frames, *held(0.008, 0.1, (1, 0.9)), bit_rate_hz=115_200)
+    told = [record.drive_sequence for record in records if record.drive_sequence is not None]
+    assert told == [change.drive_sequence for change in rig.trace if change.drive_sequence is not None]
+    assert records[-1].counters.replaced > 0

@@ -12,6 +12,8 @@ that reach one as well. With one felt and one quiet finger there are no weights,
 Forms are computed apart from the solver: finite elements at the fingers' own positions, and dense low-rank updates.
 """
 
+from functools import cache
+
 import numpy as np
 import scipy.linalg
 import scipy.optimize
@@ -21,6 +23,20 @@ from engine.device import Device
 from engine.steady.cases import FingerCases
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
+from precompute.predict.at_positions import SteadyDesigner
+from tests.precompute.devices import shipped, three_actuators
+
+DEVICES = {
+    "reference-a": shipped("reference-a"),
+    "reference-d": shipped("reference-d"),
+    "reference-t": shipped("reference-t"),
+    "three actuators": three_actuators(),
+}
+
+
+@cache
+def designer_of(device: Device) -> SteadyDesigner:
+    return SteadyDesigner(device)
 
 
 def mean_forms(device: Device, cases: FingerCases, frequency_hz: Array) -> Complex:

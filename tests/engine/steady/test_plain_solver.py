@@ -6,7 +6,7 @@ import pytest
 from engine.steady.given_drive import CASES, compute_levels
 from engine.steady.plain_solver import PlainSolver
 from precompute.predict.at_positions import SAMPLES
-from tests.engine.steady.solvers import DEVICES, designer_of
+from tests.engine.steady.bound import DEVICES, designer_of
 
 MOST_LOST_DB, MEDIAN_LOST_DB = 4.0, 1.0
 """Of the expected contrast, or of the level where the loudest drive is asked for."""

@@ -13,8 +13,7 @@ from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.forms import fill_products, multiply, power_of, solve
 from engine.steady.steady_solver import FOLLOWED_HZ, SteadyError
 from engine.touch.placement import MOST_FINGERS
-from tests.engine.steady.bound import bound_db, mean_forms, ratio_db
-from tests.engine.steady.solvers import DEVICES, designer_of
+from tests.engine.steady.bound import DEVICES, bound_db, designer_of, mean_forms, ratio_db
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import shipped
 from tests.precompute.sampled import threshold

@@ -10,7 +10,7 @@ from engine.device import Device, FittedValue, Uncertainty
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.predict.at_positions import SAMPLES, PlacementFigures, SteadyDesigner, compute_powers, sample_bars
-from tests.engine.steady.solvers import DEVICES, designer_of
+from tests.engine.steady.bound import DEVICES, designer_of
 from tests.precompute.builder.test_table_build import SMALL
 from tests.precompute.dense_model import DenseModel, drive_of
 from tests.precompute.devices import any_device

@@ -9,7 +9,7 @@ import pytest
 from engine.touch import open_digitizer
 from engine.touch.sources.pointer import REPEAT_NS, SILENT_NS, Phase, PointerEvent, PointerFeed, PointerSource
 from tactable.page.pointers import APART_NS, MOST_FINGERS, Pointers
-from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
+from tests.engine.touch.sources.fake_hid import open_pointer_pipe
 
 
 class Rig:

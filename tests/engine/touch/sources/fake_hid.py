@@ -1,4 +1,4 @@
-"""A machine with HID devices that come and go: hidapi's module, and Linux's nodes as packet-mode pipes."""
+"""Sources made up: a machine with HID devices that come and go, and both ends of a pipe of pointer events."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 
 from engine.touch.sources.hid_discovery import HidSystem
 from engine.touch.sources.hidraw import HidrawSource, open_hidraw
+from engine.touch.sources.pointer import PointerFeed, PointerSource
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, COUNT_MAXIMUM_5, application, finger
 
 MODE = bytes.fromhex("050d 090e a101 8507 0952 1500 250a 7508 9501 b102 c0")
@@ -96,3 +97,10 @@ class FakeMachine:
             source.close()
         for device in tuple(self.plugged.values()):
             self.unplug(device)
+
+
+def open_pointer_pipe() -> tuple[PointerSource, PointerFeed]:
+    """The reading and the writing end of a new pipe."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    return PointerSource(reading), PointerFeed(writing)

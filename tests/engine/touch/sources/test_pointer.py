@@ -18,7 +18,7 @@ from engine.touch.sources.pointer import (
     PointerFeed,
     PointerSource,
 )
-from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
+from tests.engine.touch.sources.fake_hid import open_pointer_pipe
 from tests.engine.touch.sources.test_evdev import frames
 
 MS = 1_000_000
