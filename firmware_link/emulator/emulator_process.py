@@ -11,7 +11,6 @@ from typing import Any
 
 from base.child import START_TIMEOUT_S, Child, Parent
 from base.files import work_folder
-from base.plain import to_plain
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import DriveEvent, Outcome, ReceivedFrame, decode_drive_event
@@ -93,7 +92,7 @@ def run_emulator(configuration: DeviceConfiguration | None = None) -> Iterator[R
     """Run an emulator process for the length of a `with` block; it ends with the block in every case."""
     with work_folder("emulator") as folder:
         link = folder / "port"
-        arguments = {"configuration": to_plain(configuration or DeviceConfiguration(0)), "link": str(link)}
+        arguments = {"configuration": configuration or DeviceConfiguration(0), "link": str(link)}
         with Child(MODULE, arguments, name="the emulator") as child:
             yield RunningEmulator(child, link)
 
@@ -125,8 +124,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     The parent's lines `{"do": "log" | "take" | "reboot" | "unplug"}` are each answered by a line. With "take" the
     device forgets what was answered, as one that runs for hours must.
     """
-    wanted = arguments["configuration"]
-    configuration = DeviceConfiguration(**wanted | {"full_scales_pm": tuple(wanted["full_scales_pm"])})
+    configuration: DeviceConfiguration = arguments["configuration"]
     device = FaultyDevice(lambda boot: EmulatedFirmware(replace(configuration, boot_id=boot)), FaultPlan(), seed=0)
     link = Announcement(Path(arguments["link"])) if arguments["link"] else None
     follow = () if link is None else (link.point_to, link.close)

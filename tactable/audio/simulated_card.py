@@ -21,14 +21,13 @@ class CardFlaws:
     """The flaws of a card's output.
 
     latency_s: from a block's callback to its first sample at the output. drift: pace of its clock over the host's, less
-    1. jitter_s: how late a callback comes at most, less than the latency or the card runs dry. gain: less 1.
+    1. jitter_s: how late a callback comes at most, less than the latency or the card runs dry.
     gaps_per_s: how often a callback comes gap_s too late.
     """
 
     latency_s: float = 0.010
     drift: float = 0.0
     jitter_s: float = 0.0
-    gain: float = 0.0
     gaps_per_s: float = 0.0
     gap_s: float = 0.02
 
@@ -80,7 +79,7 @@ class SimulatedCard:
         played = np.concatenate(self._played) if self._played else np.zeros((1, len(self.output.channels)))
         self._played = [played]
         columns = [np.interp(at, np.arange(len(played)), column, left=0.0, right=0.0) for column in played.T]
-        return (1 + self._flaws.gain) * np.column_stack(columns)
+        return np.column_stack(columns)
 
     def forget(self, before_us: float) -> None:
         """Drop what was played before this time."""

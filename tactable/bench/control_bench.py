@@ -55,9 +55,6 @@ class _Bench:
             stack.enter_context(each)
         arguments = {
             "table": str(table.path),
-            "descriptor": descriptor_of(_SLOTS).hex(),
-            "vendor_id": VENDOR_ID,
-            "product_id": PRODUCT_ID,
             "touch": their_touch.fileno(),
             "link": their_link.fileno(),
             "reports": 2 * rounds + 2,
@@ -149,8 +146,8 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """The engine, a child process: it says where programs reach the run, and at the end what was counted."""
     path = Path(arguments["table"])
     effects = replace(DEFAULT_EFFECTS, others=tuple(named_effects().values()))
-    descriptor, numbers = bytes.fromhex(arguments["descriptor"]), (arguments["vendor_id"], arguments["product_id"])
-    source = SocketSource(arguments["touch"], descriptor, numbers, arguments["reports"])
+    numbers = (VENDOR_ID, PRODUCT_ID)
+    source = SocketSource(arguments["touch"], descriptor_of(_SLOTS), numbers, arguments["reports"])
     with (
         tempfile.TemporaryDirectory(prefix="tactable-") as folder,
         ring_for(None, is_needed=True) as ring,

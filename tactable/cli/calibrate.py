@@ -177,8 +177,7 @@ def _at_the_bar(device: "Device", named: "ApparatusOptions", places: int, method
 
 def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
     """Fit, write the folder, and print the report; the doubts."""
-    from tactable.calibration.calibration_page import print_calibration
-    from tactable.calibration.job import calibration_json
+    from tactable.calibration.job import calibration_json, print_calibration
 
     fitted = job.fit(lambda _step, _fraction: None)
     job.write(fitted)
@@ -193,8 +192,7 @@ def _apply(
 ) -> list[str]:
     """Apply the calibration to a table, and print it; the doubts for which the table was left as it was."""
     from tactable.calibration.apply import PromiseError, apply_fit
-    from tactable.calibration.calibration_page import print_applied, print_calibration, print_clicks
-    from tactable.calibration.job import calibration_json
+    from tactable.calibration.job import calibration_json, print_applied, print_calibration, print_clicks
     from tactable.explain.diff_words import print_short_diff, short_diff_json
 
     with shown_progress(as_json) as progress:
@@ -257,7 +255,7 @@ def plan_measurements(
     from precompute.calibration.calibrate import names_told
     from precompute.calibration.measuring_plan import Accuracy, plan_after, plan_first
     from precompute.measurements.measurement_file import read_measurements
-    from tactable.calibration.calibration_page import print_plan
+    from tactable.calibration.job import print_plan
 
     device = find_device(device_name)
     accuracy = Accuracy(

@@ -37,8 +37,7 @@ from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
-from tactable.rig.other_bar import OtherBar
-from tactable.rig.promises import SampledPromises
+from tactable.rig.promises import OtherBar, SampledPromises
 from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached
 from tactable.shipped import find_device
 

@@ -32,8 +32,7 @@ from tactable.page.page_messages import (
     encode_sound,
 )
 from tactable.page.paper_bar import PaperBar
-from tactable.rig.other_bar import OtherBar
-from tactable.rig.promises import SampledPromises
+from tactable.rig.promises import OtherBar, SampledPromises
 
 CLICK_MOTION_S = 0.09  # length of the slowed moment of a click: the click, and the ringing after it
 STEADY_MOTION_S = 0.04  # two periods of 60 Hz, twelve of 300 Hz

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from base.child import ChildError, Document, command_of, decode_line, encode_line, ending_text
-from base.plain import to_plain
 from engine.loop.ring import Record, RingReader
 from engine.touch.sources.pointer import PointerFeed
 from firmware_link.emulator import emulator_process
@@ -94,7 +93,7 @@ class FirmwareProcess:
     @classmethod
     async def start(cls, configuration: DeviceConfiguration) -> "FirmwareProcess":
         """Raises ChildError when it does not start."""
-        arguments = {"configuration": to_plain(configuration), "link": ""}
+        arguments = {"configuration": configuration, "link": ""}
         child = await AsyncChild.start(emulator_process.MODULE, arguments, name="the emulated firmware")
         return cls(child, (await child.read())["port"], configuration)
 

@@ -13,8 +13,7 @@ from precompute.model.transient import TransientPlant
 from tactable.page.judged_commands import CommandReader
 from tactable.page.live_bar import LONGEST_STEP_S, RATE_HZ, LiveBar, decibels
 from tactable.page.processes.live_process import RingDrive
-from tactable.rig.other_bar import OtherBar
-from tactable.rig.promises import SampledPromises
+from tactable.rig.promises import OtherBar, SampledPromises
 from tests.quick import first_quick
 from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, bar_of, events_of, record_of, touches_of
 
