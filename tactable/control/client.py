@@ -39,17 +39,10 @@ def default_socket() -> Path:
     return Path(folder or f"/tmp/tactable-{os.getuid()}") / "tactable-control.sock"
 
 
-def connect(
-    path: Path | str | None = None, *, name: str = "a Python program", lease_s: float | None = None
-) -> "Client":
-    """Connect to the run that listens at `path`, or at the default place. Raises ClientError."""
-    return Client(path, name=name, lease_s=lease_s)
-
-
 async def connect_async(
     path: Path | str | None = None, *, name: str = "Python", lease_s: float | None = None
 ) -> "AsyncClient":
-    """The same for a program with an event loop. Raises ClientError."""
+    """As `connect`, for a program with an event loop. Raises ClientError."""
     path = default_socket() if path is None else Path(path)
     try:
         reader, writer = await asyncio.open_unix_connection(path)
@@ -96,17 +89,6 @@ def trigger_message(effect: str, finger: int | None, at: str | complex | None, l
     return message
 
 
-def file_message(name: str, path: Path | str, level: str | None) -> Document:
-    """The definition of an effect by an effect file. Raises ClientError for a file that is no JSON."""
-    path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise ClientError(f"{path}: is no effect file: {error}") from error
-    more = {} if level is None else {"level": level}
-    return {"type": "define", "name": name, "format": path.suffix.removeprefix(".").lower(), "content": content, **more}
-
-
 def position_text(position: str | complex) -> str:
     """A point with its unit; a number is in metres."""
     return position if isinstance(position, str) else point_text(position, 9)
@@ -117,12 +99,15 @@ def _unreachable(path: Path, error: OSError) -> ClientError:
 
 
 class Client:
-    """One connection; `run` has what the run says of itself (device, length_m, zones, effects, regions).
+    """One connection, to the run that listens at `path`, or at the default place.
 
-    Every call raises ClientError where the run refuses it, and when the run has ended.
+    `run` has what the run says of itself (device, length_m, zones, effects, regions). Every call raises ClientError
+    where the run refuses it, and when the run has ended.
     """
 
-    def __init__(self, path: Path | str | None, *, name: str, lease_s: float | None) -> None:
+    def __init__(
+        self, path: Path | str | None = None, *, name: str = "a Python program", lease_s: float | None = None
+    ) -> None:
         path = default_socket() if path is None else Path(path)
         self._socket = socket.socket(socket.AF_UNIX)
         try:
@@ -197,7 +182,13 @@ class Client:
 
     def define_from_file(self, name: str, path: Path | str, level: str | None = None) -> list[Document]:
         """Define an effect by an effect file, `level` that of its intensity 1 as "25 dB"; what became of its events."""
-        events: list[Document] = self.ask(file_message(name, path, level))["events"]
+        path, more = Path(path), {} if level is None else {"level": level}
+        try:
+            content = json.loads(path.read_text(encoding="utf-8-sig"))
+        except (ValueError, RecursionError) as error:
+            raise ClientError(f"{path}: is no effect file: {error}") from error
+        message = {"type": "define", "name": name, "format": path.suffix.removeprefix(".").lower(), "content": content}
+        events: list[Document] = self.ask(message | more)["events"]
         return events
 
     def trigger(
@@ -263,6 +254,9 @@ class Client:
         del self._received[: end + 1]
         document: Document = json.loads(line)
         return document
+
+
+connect = Client
 
 
 class AsyncClient:

@@ -10,8 +10,8 @@ ended. A process that ended is a `ChildError`: everything is ended and started a
 import asyncio
 import contextlib
 import math
-import os
 import re
+import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -108,10 +108,7 @@ class DemoBackend(PageBackend):
         self._is_outdated = False  # whether older code made the shipped table that plays
         self._is_between = False  # whether one run ends and the next begins
         self._other: OtherBar | None = None
-        self._others = 0
-        """How often another bar was switched on: the seed of the bar that plays, so that each one is new."""
         self._shown_solved = 0  # how many solved clicks the browsers have heard of
-        self._rings = 0
         self._status, self._trouble = "starting", ""
         self._news = asyncio.Event()
 
@@ -206,8 +203,7 @@ class DemoBackend(PageBackend):
         if not choice.is_other:
             self._other = None
         elif self._other is None or self._other.nominal.fingerprint != self._device.fingerprint:
-            self._others += 1
-            self._other = OtherBar(self._device, self._others)
+            self._other = OtherBar(self._device, secrets.randbits(32))  # each one is new
         self._builder.forgive()
 
     def sound(self, finger: int) -> bytes | None:
@@ -343,8 +339,7 @@ class DemoBackend(PageBackend):
                 await self._end_rig()
             self._firmware = await FirmwareProcess.start(configuration)
         if self._engine is None:
-            self._rings += 1
-            ring = self._work / f"ring-{os.getpid()}-{self._rings}"
+            ring = self._work / f"ring-{secrets.token_hex(8)}"
             self._engine = await EngineProcess.start(ring, self._programs)
         has_kernels = self._builder.has_compiled
         port, rule_file = self._firmware.port, self._offers.rule_file

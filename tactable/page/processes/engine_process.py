@@ -4,7 +4,7 @@ It runs what `tactable run` runs. Orders come one after another from the page; e
 ends the run of the order before.
 """
 
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from engine.loop.loop import SystemClock
 from engine.loop.ring import RingWriter
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
-from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from tactable.control.slot import ControlOf, ControlProcess
@@ -52,42 +51,6 @@ class ProgramsAt:
     osc_port: int | None = None
 
 
-class Programs:
-    """The control process of all runs, so that programs stay connected, from the first run on.
-
-    `slot` is None where no channel was asked for.
-    """
-
-    def __init__(self, asked: ProgramsAt | None, ring: Path) -> None:
-        self.slot: ControlProcess | None = None
-        self.asked, self._ring = asked, ring
-        self._is_announced = False
-
-    def open(self, table: Path) -> ControlProcess | None:
-        """The slot of the next run, which is told of it. Raises ChildError where a port or the socket is taken."""
-        if self.slot is not None:
-            self.slot.change_run(table)
-        elif self.asked is not None:
-            asked = self.asked
-            of = ControlOf(Path(asked.socket), self._ring, table, asked.port, asked.osc_port, is_watched=False)
-            self.slot = ControlProcess(of)
-        return self.slot
-
-    def begin_run(self, capabilities: Capabilities) -> list[str]:
-        """Say that the device of the run is connected; the first time what to print."""
-        if self.slot is None:
-            return []
-        self.slot.begin_steps(capabilities)
-        lines = [] if self._is_announced else self.slot.lines
-        self._is_announced = True
-        return lines
-
-    def close(self) -> None:
-        """End the process."""
-        if self.slot is not None:
-            self.slot.__exit__(None, None, None)
-
-
 class _NextOrder:
     """Stops a run when another order has come, or the page asks for the end."""
 
@@ -97,22 +60,27 @@ class _NextOrder:
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Play orders until the page asks for the end; says a line for each run."""
-    path = Path(arguments["ring"])
-    with RingWriter(path) as ring, closing(Programs(arguments["programs"], path)) as programs:
-        found = parent.read()
-        while found is not None:
-            _run(found["order"], arguments["pointer_pipe"], ring, programs, parent)
-            found = parent.read()
+    path, asked = Path(arguments["ring"]), arguments["programs"]
+    slot: ControlProcess | None = None  # of all runs, so that programs stay connected, from the first run on
+    with RingWriter(path) as ring, ExitStack() as stack:
+        while (found := parent.read()) is not None:
+            order = found["order"]
+            if slot is not None:
+                slot.change_run(order.table)
+            elif asked is not None:
+                of = ControlOf(Path(asked.socket), path, order.table, asked.port, asked.osc_port, is_watched=False)
+                slot = stack.enter_context(ControlProcess(of))
+            _run(order, arguments["pointer_pipe"], ring, slot, parent)
 
 
-def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: Parent) -> None:
+def _run(order: Order, pipe: int, ring: RingWriter, slot: ControlProcess | None, parent: Parent) -> None:
     """Play an order until the next one has come."""
     clock = SystemClock()
     with Table.open(order.table, verify=False) as table, ExitStack() as stack:
         effects = effects_of(order.choice, table.device, order.rule_file)
         if not table.best_rows:  # it has no sweep yet: drives are solved until a table comes that has one
             effects = replace(effects, drives=Drives.POSITIONS)
-        if programs.asked is not None:
+        if slot is not None:
             effects = replace(effects, others=tuple(named_effects().values()))
         has_several = table.clicks.finger_place.shape[1] > 1  # else all of several fingers are solved
         options = LiveOptions(
@@ -129,10 +97,12 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         has_solver = order.has_kernels or order.is_first  # whose first click has compiled it
         solves_clicks = has_solver and table.clicks and effects.have_clicks
         solving = stack.enter_context(ClickProcess(order.table)) if solves_clicks else None
-        slot = programs.open(order.table)
         source = PointerSource(pipe)
         live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
-        lines = programs.begin_run(live.capabilities)
+        lines = list[str]()  # what to print: where programs reach the first run
+        if slot is not None:
+            slot.begin_steps(live.capabilities)
+            lines, slot.lines = slot.lines, []
         ring.begin_run(clock.now_ns())
         parent.say({"clicks": live.clicks, "lines": lines, "first_record": ring.written})
         live.run(_NextOrder(parent))
