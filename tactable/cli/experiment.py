@@ -157,8 +157,7 @@ async def _ask(
     from base.files import work_folder
     from tactable.control.client import connect_async, default_socket
     from tactable.control.security import listen_at, new_token
-    from tactable.experiment.conduct import Screen, conduct
-    from tactable.experiment.question_server import serve_questions
+    from tactable.experiment.conduct import Screen, conduct, serve_questions
     from tactable.experiment.stage import LiveStage, simulated_run
     from tactable.page.opening import announcement
 

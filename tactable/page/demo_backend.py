@@ -28,10 +28,9 @@ from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, 
 from tactable.page.live_bar import LiveBar
 from tactable.page.page_messages import DroppedFile, encode_picture
 from tactable.page.page_server import PageBackend
-from tactable.page.page_tables import Builder, order_for
 from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
-from tactable.page.processes.asynchronous import EngineProcess, FirmwareProcess
+from tactable.page.processes.asynchronous import Builder, EngineProcess, FirmwareProcess, order_for
 from tactable.page.processes.build_process import BuildOrder
 from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json

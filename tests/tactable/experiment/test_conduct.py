@@ -15,9 +15,8 @@ from websockets.typing import Origin
 
 from tactable.control.client import ClientError
 from tactable.control.security import HEADERS, listen_at, new_token
-from tactable.experiment.conduct import Screen, conduct
+from tactable.experiment.conduct import Screen, conduct, serve_questions
 from tactable.experiment.protocol import ExperimentError, parse_protocol
-from tactable.experiment.question_server import serve_questions
 from tactable.experiment.session import Session
 from tactable.experiment.stage import LiveStage
 from tactable.experiment.trial_files import SessionFiles
