@@ -44,8 +44,7 @@ from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_plants import SampledPlants, count_modes, weighting
 from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import OF_ROWS, ClosedForm
-from precompute.clicks.evaluation import evaluate_waveform
-from precompute.clicks.percentiles import MANY, ManyPlants
+from precompute.clicks.evaluation import MANY, ManyPlants, evaluate_waveform
 from precompute.sampling.plants import sample_deviations, sample_scenarios
 
 _POOLS, _MARGIN_DB = 2, 0.4

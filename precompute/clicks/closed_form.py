@@ -31,7 +31,7 @@ from base.arrays import Array, Complex32, Integers, Single
 from base.compiled import njit
 from precompute.clicks.click_basis import SAMPLE_RATE_HZ, Tones
 from precompute.clicks.click_responses import Responses, combine
-from precompute.clicks.percentiles import ManyPlants
+from precompute.clicks.evaluation import ManyPlants
 from precompute.model.damped_lines import DampedLines
 
 SHARE = 95  # percentage of the plants that keep to the quiet level

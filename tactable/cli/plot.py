@@ -287,8 +287,7 @@ def resolution(
     The figure shows the worst contrast of two fingers, and the localized factor of the worst zone.
     """
     from precompute.parallel.pool import WorkerPool
-    from precompute.studies.placement_search import even_places, own_places
-    from precompute.studies.zone_resolution import study_resolution
+    from precompute.studies.placement_search import even_places, own_places, study_resolution
     from tactable.figures.resolution_picture import plot_resolution
 
     device, counts = find_device(device_name), options.read_counts("--zones", zones, 2, _MOST_ZONES)

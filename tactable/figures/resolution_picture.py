@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from engine.device import Device
+from precompute.studies.placement_search import Resolved
 from precompute.studies.robustness import CLEAR_DB, FAINT_DB, FELT_DB, Change, Kept
-from precompute.studies.zone_resolution import Resolved
 from tactable.figures.picture_file import Picture
 from tactable.figures.style import BLACK, BLUE, CURVES, GREY, ORANGE, finish_picture, percent_of, percents_text
 

@@ -11,7 +11,7 @@ from precompute.clicks.click_basis import (
     SAMPLE_RATE_HZ,
     make_tones,
 )
-from precompute.clicks.percentiles import ManyPlants, percentiles
+from precompute.clicks.evaluation import ManyPlants, percentiles
 from tests.precompute.devices import any_device
 
 

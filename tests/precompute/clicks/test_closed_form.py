@@ -12,8 +12,7 @@ from precompute.clicks.click_basis import Tones, drive_rows
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm, _Aims
-from precompute.clicks.evaluation import decibels
-from precompute.clicks.percentiles import MANY, ManyPlants
+from precompute.clicks.evaluation import MANY, ManyPlants, decibels
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import sample_deviations
 from tests.precompute.clicks.click_cases import CHEAP, fresh_responses, mean_plant, placed, solver_of

@@ -11,8 +11,7 @@ from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for, make_tones
 from precompute.clicks.click_plants import SampledPlants, weighting
 from precompute.clicks.click_responses import Responses
-from precompute.clicks.evaluation import NominalFingers, decibels, evaluate_waveform
-from precompute.clicks.percentiles import ManyPlants
+from precompute.clicks.evaluation import ManyPlants, NominalFingers, decibels, evaluate_waveform
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.clicks.click_cases import placed, solver_of
 from tests.precompute.devices import shipped

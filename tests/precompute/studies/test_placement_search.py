@@ -21,8 +21,8 @@ from precompute.studies.placement_search import (
     search_placement,
     solve_two_fingers,
     with_actuators_at,
+    with_equal_zones,
 )
-from precompute.studies.zone_resolution import with_equal_zones
 from tests.precompute.devices import coarsely_swept, shipped, with_actuators
 
 pytestmark = pytest.mark.long

@@ -6,8 +6,13 @@ import pytest
 from base.points import parts_of
 from precompute.model.assembly import assemble
 from precompute.predict.untouched import greatest_factors
-from precompute.studies.placement_search import even_places, own_places, solve_two_fingers
-from precompute.studies.zone_resolution import study_resolution, with_equal_zones
+from precompute.studies.placement_search import (
+    even_places,
+    own_places,
+    solve_two_fingers,
+    study_resolution,
+    with_equal_zones,
+)
 from tests.precompute.devices import coarsely_swept, shipped
 
 

@@ -8,9 +8,15 @@ from matplotlib.patches import Rectangle
 
 from engine.device import Device
 from engine.device.parts import Plate
-from precompute.studies.placement_search import Placement, PlacementSearch, TwoFingers, even_places, own_places
+from precompute.studies.placement_search import (
+    Placement,
+    PlacementSearch,
+    Resolved,
+    TwoFingers,
+    even_places,
+    own_places,
+)
 from precompute.studies.robustness import CHANGES, Kept
-from precompute.studies.zone_resolution import Resolved
 from tactable.figures.placement_picture import plot_placement
 from tactable.figures.resolution_picture import plot_resolution, plot_robustness
 from tactable.figures.response_picture import plot_response
