@@ -38,6 +38,7 @@ class SurfaceKind(Enum):
     MULTI_POINT = 0x0C
 
 
+_KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
 _APPLICATIONS = {_DIGITIZER_PAGE | kind.value: kind for kind in SurfaceKind}
 
 
@@ -111,6 +112,12 @@ class Surface:
     def y(self) -> Field:
         """Y of the first contact: range and extent of the surface along Y."""
         return self.contacts[0].y
+
+    @property
+    def rank(self) -> tuple[bool, int, bool, int]:
+        """Sort key, the best surface is least: fingers before pens, a touch screen before a touch pad."""
+        preference = _KIND_PREFERENCE.index(self.kind)
+        return self.is_stylus, preference, not self.has_contact_ids, -self.contacts_per_report
 
     @property
     def has_contact_ids(self) -> bool:

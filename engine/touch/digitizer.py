@@ -25,8 +25,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from base.errors import TactableError
-from engine.touch.descriptor import DescriptorError, Surface
-from engine.touch.quirks import Key
+from engine.touch.descriptor import DescriptorError, Surface, read_surfaces
+from engine.touch.quirks import Key, vendor_with_own_driver
 from engine.touch.report_plan import ReportPlan, plan_surface, read
 
 if TYPE_CHECKING:
@@ -113,6 +113,20 @@ class Frame:
     # Where contacts and their count come in different reports: reports that wait for the count, or a count for reports.
     held: list[tuple[ReportPlan, bytes]] = field(default_factory=list)
     held_count: int | None = None
+    scan_ticks: int = 0  # scan time of the last frame that was complete
+    scan_time_ns: int = 0  # the same on the host's axis
+
+    def advance_scan(self, mask: int, now_ns: int) -> int:
+        """Scan time of the frame, now complete, on the host's axis; host time after a reset or a pause.
+
+        Devices reset the counter at a new touch, wrap it at its size instead of the declared maximum, and their ticks
+        of 100 us are 92..131 us. So only steps of the counter are added up, while the sum agrees with host time.
+        """
+        time_ns = self.scan_time_ns + (self.ticks - self.scan_ticks & mask) * _SCAN_TIME_TICK_NS
+        if not -_SCAN_TIME_TOLERANCE_NS <= time_ns - now_ns <= _SCAN_TIME_TOLERANCE_NS:
+            time_ns = now_ns
+        self.scan_ticks, self.scan_time_ns = self.ticks, time_ns
+        return time_ns
 
     def start(self) -> None:
         """Start the next frame; the contacts stay."""
@@ -121,26 +135,6 @@ class Frame:
         self.palms.clear()
         self.lifted.clear()
         self.taken = len(self.active)
-
-
-@dataclass(slots=True)
-class _ScanClock:
-    """Moves scan times of the device to the host's time axis.
-
-    Devices reset the counter at a new touch, wrap it at its size instead of the declared maximum, and their ticks of
-    100 us are 92..131 us. So only steps of the counter are added up, and only while the sum agrees with host time.
-    """
-
-    ticks: int = 0
-    time_ns: int = 0
-
-    def advance_scan(self, ticks: int, mask: int, now_ns: int) -> int:
-        """Scan time of a frame on the host's axis; host time after a reset or a pause."""
-        time_ns = self.time_ns + (ticks - self.ticks & mask) * _SCAN_TIME_TICK_NS
-        if not -_SCAN_TIME_TOLERANCE_NS <= time_ns - now_ns <= _SCAN_TIME_TOLERANCE_NS:
-            time_ns = now_ns
-        self.ticks, self.time_ns = ticks, time_ns
-        return time_ns
 
 
 class Digitizer:
@@ -156,8 +150,10 @@ class Digitizer:
         self.refused: Sequence[DescriptorError] = ()  # why other touch surfaces of the interface cannot be decoded
         self.counters = DigitizerCounters()
         self.foreign_ids: set[int] = set()  # report IDs that came and are not of the surface
-        self.on_surface: Callable[[], None] = _do_nothing  # called when another surface is decoded from now on
-        self.on_foreign: Callable[[str], None] = _do_nothing  # told once of FOREIGN_NOTICED reports of another surface
+        self.on_surface: Callable[[], None] = lambda: None  # called when another surface is decoded from now on
+        self.on_foreign: Callable[[str], None] = lambda _: (
+            None
+        )  # told once of FOREIGN_NOTICED reports of another surface
         self._number = (vendor_id, product_id)
         self._decode_surface(surfaces[0])
 
@@ -167,7 +163,7 @@ class Digitizer:
         self.release_after_ns = RELEASE_AFTER_NS if self.plan.quirks.releases_when_silent else None
         """Time without a frame after which every contact is released; None: contacts are never released by time."""
         self.debounce: Debounce | None = None
-        self.frame, self._scan_clock = Frame(), _ScanClock()
+        self.frame = Frame()
         self._shown_ns: int | None = None  # when the last frame came, where it listed a contact
 
     def decode_report(self, report: bytes, now_ns: int) -> TouchFrame | None:
@@ -203,7 +199,7 @@ class Digitizer:
                 frame.expected = announced
         frame.ticks = ticks
         self._take_contacts(plan, report)
-        return None if frame.received < frame.expected else self._complete_frame(plan, ticks, now_ns)
+        return None if frame.received < frame.expected else self._complete_frame(plan, now_ns)
 
     @property
     def foreign_notice(self) -> str | None:
@@ -234,8 +230,7 @@ class Digitizer:
 
     def expire(self, now_ns: int) -> TouchFrame | None:
         """Frame due by time alone: no contact after a silence, or no longer one whose debounce time has passed."""
-        due_ns = self.due_ns
-        if due_ns is None or now_ns < due_ns:
+        if (due_ns := self.due_ns) is None or now_ns < due_ns:
             return None
         if self.debounce is not None and due_ns == self.debounce.due_ns:
             return TouchFrame(now_ns, self.debounce.settle(self.debounce.contacts, now_ns))
@@ -282,7 +277,9 @@ class Digitizer:
         if frame.received < frame.expected:
             return None
         frame.held_count = None
-        return self._complete_frame(plan, read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
+        if plan.scan_time is not None:
+            frame.ticks = read(plan.scan_time, report)
+        return self._complete_frame(plan, now_ns)
 
     def _take_contacts(self, plan: ReportPlan, report: bytes) -> None:
         """Take the contacts of a report in order, until the frame has as many as were announced.
@@ -357,9 +354,8 @@ class Digitizer:
             return 1 <= contact_id <= most
         return contact_id < most
 
-    def _complete_frame(self, plan: ReportPlan, ticks: int, now_ns: int) -> TouchFrame:
-        frame = self.frame
-        active = frame.active
+    def _complete_frame(self, plan: ReportPlan, now_ns: int) -> TouchFrame:
+        frame, active = self.frame, self.frame.active
         if self.plan.quirks.unseen_means_up:
             for contact_id in active.keys() - frame.seen:
                 del active[contact_id]
@@ -371,9 +367,33 @@ class Digitizer:
         self.counters.frames += 1
         scan_time_ns = None
         if plan.scan_time is not None:
-            scan_time_ns = self._scan_clock.advance_scan(ticks, plan.scan_time.mask, now_ns)
+            scan_time_ns = frame.advance_scan(plan.scan_time.mask, now_ns)
         return _new(TouchFrame, (now_ns, contacts, scan_time_ns))
 
 
-def _do_nothing(*_: object) -> None:
-    pass
+def open_digitizer(
+    descriptor: bytes, vendor_id: int = 0, product_id: int = 0, report_id: int | None = None
+) -> Digitizer:
+    """Open the digitizer of an interface: the surface with `report_id`, or the best one until another surface reports.
+
+    Fingers come before a stylus, a touch screen before a touch pad. Raises `DescriptorError` when the descriptor is
+    broken, `DigitizerError` when it holds no such surface.
+    """
+    number = f"{vendor_id:04x}:{product_id:04x}"
+    if (vendor := vendor_with_own_driver(vendor_id)) is not None:
+        raise DigitizerError(
+            f"{vendor} device {number}: only its own driver decodes its reports; choose the /dev/input/event node of "
+            "that driver, which `tactable list` shows where it is touched by fingers"
+        )
+    refused: list[DescriptorError] = []
+    surfaces = sorted(read_surfaces(descriptor, refused), key=lambda surface: surface.rank)
+    if not surfaces:
+        raise DigitizerError(f"device {number} has no touch screen or touch pad")
+    if report_id is not None:
+        known = ", ".join(surface.name(vendor_id, product_id) for surface in surfaces)
+        surfaces.sort(key=lambda surface: surface.report_id != report_id)
+        if surfaces[0].report_id != report_id:
+            raise DigitizerError(f"device {number} has no touch surface with report {report_id:02x}: choose {known}")
+    digitizer = Digitizer(surfaces, vendor_id, product_id, is_chosen=report_id is not None)
+    digitizer.refused = refused
+    return digitizer

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from base.errors import TactableError
-from engine.touch.choice import open_digitizer
+from engine.touch.digitizer import open_digitizer
 from engine.touch.sources.evdev import EV_ABS, EV_SYN, SLOT, SYN_DROPPED, SYN_REPORT, TRACKING_ID, EvdevSource
 from engine.touch.sources.recording import Recording, RecordingError, Report
 

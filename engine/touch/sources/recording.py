@@ -8,7 +8,7 @@ from pathlib import Path
 
 from base.errors import TactableError
 from base.files import write_text
-from engine.touch.choice import open_digitizer
+from engine.touch.digitizer import open_digitizer
 
 _EVENT_TIME, _LENGTH = re.compile(r"[0-9]{1,12}\.[0-9]{6}"), re.compile(r"[0-9]{1,5}")
 _HEX = re.compile(r"[0-9a-fA-F \t\r]+=?\s*")
