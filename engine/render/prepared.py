@@ -12,8 +12,7 @@ from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import Drives, Effects
 from engine.render.board_fit import BoardFit, RendererError, choose_basis, fit_board, play_ns, scaled
 from engine.render.limits import link_configuration
-from engine.render.renderer import RenderedClicks, Renderer, Steady
-from engine.render.steady_drives import SteadyDrives, ZoneDrives
+from engine.render.renderer import RenderedClicks, Renderer, Steady, SteadyDrives, ZoneDrives
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
 from firmware_link.protocol.basis import Basis

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 from base.files import partial_path, remove_partials, rename_durably, written_path
-from engine.table.error import TableError
+from engine.table.schema import TableError
 
 
 def previous_of(path: Path) -> Path:

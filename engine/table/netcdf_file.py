@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from base.arrays import Points
 from base.files import partial_path, unwritable, written_path
-from engine.table.error import TableError
 from engine.table.history import remove_leftovers, replace_table
+from engine.table.schema import TableError
 
 FORMAT = "tactable table"
 FORMAT_REVISION = 8  # tables/FORMAT.md; raise it when an older reader would misread

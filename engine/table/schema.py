@@ -9,6 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from base.errors import TactableError
+
+
+class TableError(TactableError):
+    """A table that cannot be used: missing, truncated, corrupted, foreign, newer or stale; the message says which."""
+
 
 class Kind(StrEnum):
     """What an array is made of, by the letters of numpy's kinds."""

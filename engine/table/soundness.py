@@ -17,9 +17,17 @@ import numpy as np
 
 from base.arrays import Array
 from engine.device import Device
-from engine.table.error import TableError
 from engine.table.netcdf_file import pieces, read_points
-from engine.table.schema import FIXED_SIZES, REAL_ATTRIBUTES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
+from engine.table.schema import (
+    FIXED_SIZES,
+    REAL_ATTRIBUTES,
+    SCHEMA,
+    TEXT_ATTRIBUTES,
+    WHOLE_ATTRIBUTES,
+    ArrayKind,
+    Kind,
+    TableError,
+)
 from engine.touch.placement import Places
 
 _ROUNDING_M = 1e-9

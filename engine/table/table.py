@@ -17,10 +17,9 @@ from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_
 from engine.table.clicks import ClickEntry, Clicks
 from engine.table.clicks import played_at as click_played_at
 from engine.table.columns import read_clicks, read_modes
-from engine.table.error import TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes, read_points
-from engine.table.schema import IS_SHIPPED
+from engine.table.schema import IS_SHIPPED, TableError
 from engine.table.soundness import check_values, sound_arrays
 from engine.touch import Placement
 from engine.touch.placement import Places

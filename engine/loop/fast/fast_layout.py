@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from engine.effects.effect_play import SPEED_NS
 from engine.render.prepared import Rendering
-from engine.render.renderer import SILENCE, DriveCommand
-from engine.render.steady_drives import ZoneDrives
+from engine.render.renderer import SILENCE, DriveCommand, ZoneDrives
 from engine.touch.digitizer import FRAME_SILENCE_NS
 from engine.touch.placement import MOST_FINGERS, Places
 from firmware_link.host.link_values import Capabilities

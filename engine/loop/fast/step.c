@@ -297,7 +297,7 @@ static int play(const Fast *fast, int64_t row, int64_t level, Command *command) 
     return 1;
 }
 
-/* ---- placement to drive, as ZoneDrives of engine/render/steady_drives.py ---- */
+/* ---- placement to drive, as ZoneDrives of engine/render/renderer.py ---- */
 
 /* The zones of the fingers that feel, a bit for each; NONE: the case is left to Python. */
 static int64_t combination_of(const Fast *fast, const Felt *felt) {

@@ -22,8 +22,7 @@ from engine.loop.ring import Record, RingWriter
 from engine.render.board_fit import BoardFit, choose_basis
 from engine.render.limits import link_configuration
 from engine.render.prepared import Rendering
-from engine.render.renderer import RenderedClicks, Renderer
-from engine.render.steady_drives import ZoneDrives
+from engine.render.renderer import RenderedClicks, Renderer, ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows
 from engine.touch.sources import Source

@@ -12,8 +12,15 @@ import pytest
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.render.board_fit import ChosenBasis, RendererError
 from engine.render.prepared import render_table
-from engine.render.renderer import SILENCE, DriveCommand, PlayCommand, RenderedClicks, Renderer
-from engine.render.steady_drives import SteadyDrives, ZoneDrives
+from engine.render.renderer import (
+    SILENCE,
+    DriveCommand,
+    PlayCommand,
+    RenderedClicks,
+    Renderer,
+    SteadyDrives,
+    ZoneDrives,
+)
 from engine.steady import Modes
 from engine.steady.cases import MeasuredFinger, cases_at, sample_deviations
 from engine.steady.steady_solver import SteadySolver
