@@ -35,9 +35,16 @@ from tactable.page.processes.build_process import BuildOrder
 from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
-from tactable.rig.first_table import is_first, open_first_table
 from tactable.rig.promises import OtherBar, SampledPromises
-from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached
+from tactable.rig.ready import (
+    cached_table,
+    compare_with_shipped,
+    early_path,
+    is_first,
+    is_outdated,
+    open_cached,
+    open_first_table,
+)
 from tactable.shipped import find_device
 
 SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0  # one crash is made good at once; one that repeats costs little

@@ -23,8 +23,8 @@ from precompute.model.transfers import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.judged_commands import Command
 from tactable.page.page_messages import LOWEST_DB, Drive
-from tactable.rig.first_table import modes_of
 from tactable.rig.promises import OtherBar
+from tactable.rig.ready import modes_of
 
 RATE_HZ = 12_000  # 40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude
 MOST_POINTS, MOST_MOVING = 1500, 420

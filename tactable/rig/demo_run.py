@@ -30,9 +30,8 @@ from precompute.model.gram import compute_steady_state
 from precompute.parallel.pool import available_cores
 from tactable.explain.words import placement_json, zone_lists
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
-from tactable.rig.first_table import early_options
 from tactable.rig.promises import Promises
-from tactable.rig.ready import early_path, open_cached
+from tactable.rig.ready import early_options, early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.rig.simulated_surface import Felt, SimulatedSurface
 

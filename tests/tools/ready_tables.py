@@ -13,8 +13,7 @@ from engine.table.netcdf_file import TableWriter
 from engine.table.schema import IS_SHIPPED
 from precompute.builder.table_build import build_table
 from precompute.parallel.pool import available_cores
-from tactable.rig.first_table import early_options
-from tactable.rig.ready import GROUPS, packed_path, plain_attributes
+from tactable.rig.ready import GROUPS, early_options, packed_path, plain_attributes
 from tactable.shipped import find_device, ready_folder, shipped_names
 
 REMAKE = "python -m tests.tools.ready_tables"

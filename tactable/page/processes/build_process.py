@@ -20,8 +20,7 @@ from typing import Any
 
 from base.child import Parent
 from base.files import rename_durably
-from tactable.rig.first_table import early_options, solve_first_click, write_first_table
-from tactable.rig.ready import early_path, open_cached
+from tactable.rig.ready import early_options, early_path, open_cached, solve_first_click, write_first_table
 from tactable.shipped import find_device
 
 STEADY = (

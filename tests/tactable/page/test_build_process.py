@@ -78,7 +78,7 @@ import sys, {", ".join(PLAYS_FIRST)}
 print(*sys.modules)
 from pathlib import Path
 from engine.steady.plain_solver import PlainSolver
-from tactable.rig.first_table import open_first_table
+from tactable.rig.ready import open_first_table
 from tactable.shipped import find_device
 device = find_device("reference-a")
 with open_first_table(device, Path("first.nc")) as table:

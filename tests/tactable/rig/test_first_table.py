@@ -6,7 +6,7 @@ from engine.table import Table
 from precompute.clicks.click_basis import click_basis
 from precompute.clicks.click_options import read_click_options
 from precompute.sweep.tabulate import find_best_rows
-from tactable.rig.first_table import (
+from tactable.rig.ready import (
     early_options,
     is_first,
     open_first_table,

@@ -10,10 +10,10 @@ from engine.device import Device
 from engine.table import Table, TableError
 from precompute.builder.table_build import build_table
 from tactable.rig import ready
-from tactable.rig.first_table import early_options
 from tactable.rig.ready import (
     cached_table,
     compare_with_shipped,
+    early_options,
     early_path,
     is_outdated,
     open_cached,
