@@ -7,10 +7,16 @@ that an engine never opens half a table. Memory is bounded, whatever the grid of
 Clicks of two fingers take longest, a minute for the thousands of placements at places 3 mm apart. A build may therefore
 first put a table with the clicks of one finger in place (`early`), which is playable after seconds: a run solves the
 others as fingers ask for them. Then it replaces that table, and a running engine adopts it.
+
+The size of a table, and memory and time of its build, are estimated from the device file before anything is computed.
+The sweep of a pair of actuators grows with the square of the number of frequencies and of amplitudes, so a file of a
+few lines can ask for a petabyte. A build that cannot end is refused before it begins.
 """
 
 import json
+import math
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -33,7 +39,6 @@ from engine.touch.placement import Places
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, Part, input_fingerprint
 from precompute.builder.measured_responses import source_attributes, write_measured
-from precompute.builder.size import check_size
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_basis import lines_for
 from precompute.clicks.click_plants import count_modes
@@ -46,12 +51,19 @@ from precompute.parallel.pool import remembered_interrupt
 from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.sweep.best import BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
+from precompute.sweep.sweep_kernels import fold_amplitudes
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
 MEMORY_BUDGET_BYTES = 64 << 20  # default bound on the buffers of the sweep, whatever its grid
 EARLY_IN_PLACE = "early table"  # the step that is told when the table with the clicks of one finger is in place
 Progress = Callable[[str, float], None]  # called with what is being done and the fraction done
 STEPS = ("responses", "sweep", "clicks")
+_FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16  # figures of a sweep; bytes of a number
+_COPIES = 3  # responses are held as solved, by zone, and split into two parts while they are written
+_CLICK_S, _PLATE_CLICK_S = 2.3e-3, 4.3e-3
+"""Processor time of a click for each actuator: 5.1, 5.2 and 6.3 ms on reference-a, -d and -t, 17 ms on reference-p."""
+_SWEPT_BYTES_PER_S = 120e6  # reference-a and -t
+_UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 def no_progress(step: str, fraction: float) -> None:
@@ -291,3 +303,69 @@ def _processor_s() -> float:
     """Processor time of this process and of all its children that have ended, their start and imports included."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
+
+
+def table_bytes(device: Device) -> int:
+    """Bytes of the sweeps and responses of a table; clicks and modes add some MB."""
+    rows = _pairs(device) * (_pair_values(device) + _coherent_values(device)) if device.sweep.is_stored else 0
+    return _FIGURES * _SINGLE * rows + _responses(device)
+
+
+def memory_bytes(device: Device) -> int:
+    """Bytes that a build holds at once, beside the buffers of the pair sweep, which have a budget of their own."""
+    row = _FIGURES * _SINGLE * _pair_values(device) // max(1, len(device.sweep.frequency_hz))
+    return max(_FIGURES * _DOUBLE * _coherent_values(device), row) + _COPIES * _responses(device)
+
+
+def expected_s(device: Device, clicks: int) -> float:
+    """Processor time in s that a build with `clicks` clicks takes once its kernels are compiled. ESTIMATE."""
+    of_click_s = _PLATE_CLICK_S if device.surface.corner_m.imag else _CLICK_S
+    return clicks * len(device.actuators) * of_click_s + table_bytes(device) / _SWEPT_BYTES_PER_S
+
+
+def check_size(device: Device, path: Path) -> None:
+    """Raise TableError for a table that neither the disk of `path` nor the memory of this machine has room for."""
+    remedy = "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps), or drop it (sweep.store)"
+    folder = path.absolute().parent
+    disk = shutil.disk_usage(folder) if folder.is_dir() else None
+    wanted, free = table_bytes(device), math.inf if disk is None or not disk.total else disk.free  # 0: it does not say
+    if wanted > free:
+        raise TableError(
+            f"{path}: a table of {device.name} takes {size_text(wanted)}, and {size_text(free)} are free there: "
+            f"{remedy}, make room or choose another output"
+        )
+    wanted, there = memory_bytes(device), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if wanted > there:
+        raise TableError(
+            f"{path}: building a table of {device.name} takes {size_text(wanted)} of memory, and this machine has "
+            f"{size_text(there)}: {remedy}"
+        )
+
+
+def _pairs(device: Device) -> int:
+    return math.comb(len(device.actuators), 2)
+
+
+def _pair_values(device: Device) -> int:
+    """Values of one figure of one pair over (frequency_1, amplitude_1, amplitude_2, zone, frequency_2)."""
+    if len(device.actuators) < 2:
+        return 0
+    return len(device.sweep.frequency_hz) ** 2 * (device.sweep.amplitude_steps + 1) ** 2 * len(device.zones)
+
+
+def _coherent_values(device: Device) -> int:
+    """Values of one figure of one pair over (frequency, zone, ratio, phase)."""
+    if len(device.actuators) < 2:
+        return 0
+    ratios = len(fold_amplitudes(device.sweep.amplitude_steps).first)
+    return len(device.sweep.frequency_hz) * len(device.zones) * ratios * device.sweep.phase_steps
+
+
+def _responses(device: Device) -> int:
+    return _COMPLEX * len(device.sweep.frequency_hz) * len(device.actuators) * zone_points(device).size
+
+
+def size_text(size: float) -> str:
+    """A size in bytes with three digits and its unit."""
+    order = min(len(_UNITS) - 1, int(math.log10(max(size, 1)) / 3))
+    return f"{size / 1000**order:.3g} {_UNITS[order]}"

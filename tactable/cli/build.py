@@ -98,7 +98,7 @@ def build(
 
 def _expected_text(device: Device, fingers: int | None, pitch_m: float | None) -> str:
     """What a build takes, where nothing of an earlier table can be reused."""
-    from precompute.builder.size import expected_s, size_text, table_bytes
+    from precompute.builder.table_build import expected_s, size_text, table_bytes
     from precompute.clicks import ClickOptions
     from precompute.clicks.tabulated import most_tabulated, tabulated_keys
 

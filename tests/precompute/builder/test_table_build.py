@@ -13,8 +13,7 @@ from base.arrays import Array, Complex
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.size import table_bytes
-from precompute.builder.table_build import build_table
+from precompute.builder.table_build import build_table, table_bytes
 from precompute.sweep.grid import zone_points
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import reference_text
