@@ -22,8 +22,7 @@ from engine.loop.ring import RingReader
 from engine.table import Table, TableError
 from tactable.control.control_server import ControlServer
 from tactable.control.events import Board, Events
-from tactable.control.program_scene import Scene
-from tactable.control.requests import MOST_BYTES, ControlError
+from tactable.control.requests import MOST_BYTES, ControlError, Scene
 from tactable.control.slot import ControlOf
 from tactable.control.web import WebControl
 from tactable.run.table_watch import LOOK_S, WORD

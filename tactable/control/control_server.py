@@ -10,7 +10,7 @@ the one before, so that neither many programs nor large scenes queue up in front
 
 Each program has a lease, renewed by whatever it sends. A connection that never greets has none, and is closed after
 GREET_WITHIN_S. A program that is silent for longer, or whose connection ends, loses what it holds
-(`tactable.control.program_scene`), and the loop gets the step that ends it, whatever the server believes to be under
+(`tactable.control.requests`), and the loop gets the step that ends it, whatever the server believes to be under
 way: only the loop knows which effects a change of run or a lifted finger has ended. Events are sent as far as a program
 takes them: of one that reads too slowly they are dropped and counted, and it is told how many.
 """
@@ -24,7 +24,6 @@ from typing import Any, Protocol
 from base.points import json_of, point_text
 from engine.device import Device
 from engine.effects.rules import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
-from tactable.control.program_scene import Scene
 from tactable.control.requests import (
     VERSION,
     ControlError,
@@ -34,6 +33,7 @@ from tactable.control.requests import (
     Region,
     RemoveRegion,
     Request,
+    Scene,
     StopRequest,
     Subscribe,
     decode_line,

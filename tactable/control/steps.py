@@ -24,8 +24,7 @@ from typing import Any
 from base.errors import TactableError
 from base.points import json_of, point_of_json
 from engine.effects.rules import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
-from tactable.control.program_scene import Scene
-from tactable.control.requests import Region
+from tactable.control.requests import Region, Scene
 
 MOST_BYTES = 8192  # of one part
 MOST_SEGMENTS = 128  # of one part

@@ -26,7 +26,7 @@ from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
 from tactable.control.control_process import serve
 from tactable.control.osc import decode_osc, encode_osc
-from tactable.control.program_scene import Scene
+from tactable.control.requests import Scene
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.control.steps import StepEncoder
 from tactable.shipped import named_effects

@@ -23,8 +23,7 @@ from engine.effects.rules import (
     click,
 )
 from engine.touch import Touch
-from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene
-from tactable.control.requests import MOST_RULES, ControlError, Region
+from tactable.control.requests import MOST_DEFINED, MOST_REGIONS, MOST_RULES, ControlError, Region, Scene
 from tactable.control.steps import MOST_BYTES, MOST_SEGMENTS, StepDecoder, StepEncoder, StepError
 from tactable.shipped import named_effects
 

@@ -15,7 +15,7 @@ from engine.effects.effect_player import EffectPlayer
 from engine.effects.rules import ControlStep, Effects, Outcome, Rule, Trigger, click
 from engine.touch import Touch
 from tactable.control.control_server import ControlServer
-from tactable.control.program_scene import Scene
+from tactable.control.requests import Scene
 from tactable.control.steps import MOST_BYTES, StepDecoder
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import HELLO
