@@ -1,4 +1,7 @@
-"""Ports of boards as descriptors that never block; the list of serial ports, and one opened by name."""
+"""Ports of boards as descriptors that never block: the list of serial ports, one opened by name, and opened again.
+
+A port that was lost is opened again by its stable name, with growing pauses.
+"""
 
 import contextlib
 import errno
@@ -6,9 +9,10 @@ import grp
 import os
 import stat
 import termios
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Generic, Protocol, Self, TypeVar
 
 import serial
 from serial.tools import list_ports
@@ -20,6 +24,9 @@ from firmware_link.protocol.link_errors import LinkError, LinkLostError
 READ_SIZE = 4096  # bytes read at once
 _BY_ID = Path("/dev/serial/by-id")
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules
+NS_PER_MS = 1_000_000
+FIRST_PAUSE_NS = 100 * NS_PER_MS  # a cable that slipped is back at once; looking for ports costs milliseconds
+LONGEST_PAUSE_NS = 2_000 * NS_PER_MS  # what a user waits who plugs it in again later
 
 
 @dataclass(frozen=True)
@@ -171,3 +178,63 @@ def _report_hang_up(descriptor: int) -> None:
     attributes[6][termios.VMIN] = 1
     attributes[6][termios.VTIME] = 0
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+
+
+class Closable(Protocol):
+    """A port that can be given back."""
+
+    def close(self) -> None:
+        """Close the port."""
+
+
+P = TypeVar("P", bound=Closable)
+
+
+class ReopeningPort(Generic[P]):
+    """Opens one port again whenever it was lost; no I/O but by `open_port`, which raises LinkError.
+
+    `port` is the one that is open already; without one, the first `poll` opens it.
+    Nothing is sent by itself: a port that is open again needs `Session.connect`, the whole handshake, and whether to
+    arm again is for the caller to decide.
+    """
+
+    def __init__(self, open_port: Callable[[], P], port: P | None = None) -> None:
+        self.port = port
+        self.attempts = 0  # how often opening has failed since the port was lost
+        self.reason = ""  # why the last attempt was in vain
+        self._open_port = open_port
+        self._pause_ns = FIRST_PAUSE_NS
+        self._due_ns = 0
+
+    def close(self) -> None:
+        """Close the port, if it is open."""
+        if self.port is not None:
+            self.port.close()
+            self.port = None
+
+    def lose(self, now_ns: int) -> None:
+        """The port is gone: close what is left of it, and try again after the first pause."""
+        self.close()
+        self.attempts, self._pause_ns = 0, FIRST_PAUSE_NS
+        self._due_ns = now_ns + FIRST_PAUSE_NS
+
+    def poll(self, now_ns: int) -> P | None:
+        """The port, opened now if it is time to try; None while it is gone."""
+        if self.port is None and now_ns >= self._due_ns:
+            try:
+                self.port = self._open_port()
+            except LinkError as error:
+                self.attempts += 1
+                self.reason = str(error)
+                self._due_ns = now_ns + self._pause_ns
+                self._pause_ns = min(2 * self._pause_ns, LONGEST_PAUSE_NS)
+        return self.port
+
+    def next_attempt_ns(self) -> int | None:
+        """Time at which `poll` tries next; None while the port is open."""
+        return self._due_ns if self.port is None else None
+
+
+def stable_name_of(name: str, ports: Callable[[], tuple[PortDescription, ...]] = find_ports) -> str:
+    """The name by which a port is found again under another path: its stable id, or the name itself."""
+    return next((port.stable_id for port in ports() if name in (port.path, port.stable_id)), name)

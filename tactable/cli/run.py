@@ -26,7 +26,7 @@ from engine.touch.sources import Source
 from engine.touch.sources.recording import Playback, read_recording
 from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link_values import BOARD_EMULATED, Capabilities
-from firmware_link.host.reopening import ReopeningPort, stable_name_of
+from firmware_link.host.serial_port import ReopeningPort, stable_name_of
 from firmware_link.protocol.link_errors import LinkError
 from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port
 from tactable.cli import options

@@ -15,8 +15,7 @@ from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import finger_roles
 from tactable.figures import style
-from tactable.rig.demo_reports import ClickReport, DriveReport
-from tactable.rig.demo_run import DemoReport
+from tactable.rig.demo_run import ClickReport, DemoReport, DriveReport
 from tactable.rig.simulated_surface import Felt, is_felt
 
 _MOST_DRAWN = 6  # three rows of two

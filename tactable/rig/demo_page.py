@@ -11,8 +11,7 @@ from engine.device import Device
 from engine.loop.command_latency import Stage
 from engine.table.best_rows import BestRow
 from tactable.explain.words import finger_names, placement_text
-from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
-from tactable.rig.demo_run import DemoReport
+from tactable.rig.demo_run import AGREEMENT, ClickReport, DemoReport, DriveReport
 from tactable.rig.rig import Wanted
 
 

@@ -3,6 +3,11 @@
 The report says for every rendered command whether the simulated surface does, under the fingers where the recording has
 them, what was promised for these positions. JSON keys that begin with `measured_` hold simulated values; their names
 are kept, since programs read them.
+
+Promises are for the positions that the fingers really have, with standard fingers on the surface as it is described.
+That of a steady drive was solved from modes in frequency, that of a click comes from the waveform of its table row;
+the simulation takes the bytes that the firmware got to the surface in time. So they check each other and the whole
+chain between them. Neither is a measurement.
 """
 
 from collections.abc import Collection
@@ -19,8 +24,9 @@ from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
 from engine.loop.command_latency import Stage
 from engine.steady import SteadyDrive
-from engine.table import Table
+from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
+from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneFinder
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator.drive_log import DriveEvent
@@ -29,14 +35,79 @@ from precompute.model.assembly import assemble
 from precompute.model.gram import compute_steady_state
 from precompute.parallel.pool import available_cores
 from tactable.explain.words import placement_json, zone_lists
-from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
-from tactable.rig.promises import Promises
+from tactable.rig.promises import Promise, Promises
 from tactable.rig.ready import early_options, early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
-from tactable.rig.simulated_surface import Felt, SimulatedSurface
+from tactable.rig.simulated_surface import Felt, SimulatedClick, SimulatedDrive, SimulatedSurface
 
 MOST_DRIVES = 40  # most steady drives of a run whose promise is compared with the simulation
 LONGEST_REPLAY_S = 12.0  # a longer recording is replayed faster, so that the demo ends within a minute
+AGREEMENT = 0.02  # the fraction by which promise and simulation may differ
+STILLEST_DB = -20.0
+"""Fingers that are to feel less are compared with this: the wire's steps of 0.01 Hz change such a rest by up to 3 %."""
+
+
+@dataclass(frozen=True)
+class _CommandReport:
+    """A command and what was promised of it."""
+
+    promise: Promise
+
+    @property
+    def placement(self) -> Placement:
+        """The fingers that the command was made for."""
+        return self.promise.placement
+
+    def _difference(self, simulated_m_per_s2: Array) -> float:
+        """Greatest difference, relative to the promise, or to STILLEST_DB where that is less."""
+        promised_m_per_s2 = self.promise.acceleration_m_per_s2
+        least_m_per_s2 = promised_m_per_s2 * 10 ** ((STILLEST_DB - self.promise.level_db) / 20)
+        return float(
+            (abs(simulated_m_per_s2 - promised_m_per_s2) / np.maximum(promised_m_per_s2, least_m_per_s2)).max()
+        )
+
+
+@dataclass(frozen=True)
+class DriveReport(_CommandReport):
+    """A steady drive, solved or looked up for zones: its promise, and what it did when it was held.
+
+    promised_factor: share of kinetic energy in the zones that hold the felt fingers (felt_zones, indices).
+    """
+
+    drive: SteadyDrive | BestRow
+    simulated: SimulatedDrive
+    felt_zones: tuple[int, ...]
+    promised_factor: float
+
+    @property
+    def frequency_text(self) -> str:
+        """Its frequency, or both, such as "150 & 200 Hz"."""
+        sounding = zip(self.drive.frequencies_hz, self.drive.amplitudes, strict=True)
+        return f"{' & '.join(f'{hz:g}' for hz in dict.fromkeys(hz for hz, size in sounding if size))} Hz"
+
+    @property
+    def simulated_factor(self) -> float:
+        """Localized factor of the felt zones, simulated."""
+        return float(self.simulated.share[list(self.felt_zones)].sum())
+
+    @property
+    def disagreement(self) -> float:
+        """Greatest relative difference of the acceleration under each finger, and of the localized factor."""
+        factor = abs(self.simulated_factor / self.promised_factor - 1) if self.felt_zones else 0.0
+        return max(factor, self._difference(self.simulated.at_finger))
+
+
+@dataclass(frozen=True)
+class ClickReport(_CommandReport):
+    """A click: the table's row for the nearest places, and what its waveform did under the fingers."""
+
+    click: ClickEntry
+    simulated: SimulatedClick
+
+    @property
+    def disagreement(self) -> float:
+        """Greatest relative difference of the acceleration under each finger."""
+        return self._difference(self.simulated.at_finger)
 
 
 @dataclass(frozen=True)

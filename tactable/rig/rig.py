@@ -18,8 +18,7 @@ from engine.touch.sources import Source
 from engine.touch.sources.recording import Playback, Recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
 from firmware_link.emulator.emulator_process import EmulatorLog, run_emulator
-from firmware_link.host.reopening import ReopeningPort
-from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.serial_port import ReopeningPort, SerialPort
 from firmware_link.host.session import Port
 from tactable.rig.emulate import configuration_of
 from tactable.run.click_process import ClickProcess

@@ -16,7 +16,7 @@ from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_dig
 RING_SIZE = 63  # unread reports that the kernel keeps; it then drops the newest
 _READ_BYTES = 4096  # with a smaller buffer the rest of a report is lost
 _FIRST_RETRY_NS = 250_000_000
-_LAST_RETRY_NS = 2_000_000_000  # longest pause, as of a lost port (firmware_link/host/reopening.py)
+_LAST_RETRY_NS = 2_000_000_000  # longest pause, as of a lost port (firmware_link/host/serial_port.py)
 # _IOR('H', 1, int) and _IOR('H', 2, struct hidraw_report_descriptor) of linux/hidraw.h
 _HIDIOCGRDESCSIZE, _HIDIOCGRDESC = 0x80044801, 0x90044802
 

@@ -15,8 +15,7 @@ from engine.loop.loop import SystemClock
 from engine.loop.ring import RingWriter
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
-from firmware_link.host.reopening import ReopeningPort
-from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.serial_port import ReopeningPort, SerialPort
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.page.choices import Choice, effects_of
 from tactable.rig.rig import PTY_BIT_RATE_HZ

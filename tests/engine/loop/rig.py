@@ -29,7 +29,7 @@ from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.host.link_values import Capabilities
-from firmware_link.host.reopening import ReopeningPort
+from firmware_link.host.serial_port import ReopeningPort
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
 from tests.engine.made_states import LEVEL_DB, state_index, states_of

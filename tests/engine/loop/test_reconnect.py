@@ -8,7 +8,7 @@ from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.link_values import LinkState
-from firmware_link.host.reopening import ReopeningPort
+from firmware_link.host.serial_port import ReopeningPort
 from firmware_link.protocol.link_errors import LinkError, LinkLostError
 from firmware_link.protocol.messages import DeviceState
 from tests.engine.loop.rig import Rig, Watch, held, index_of, recording_of, report

@@ -15,8 +15,7 @@ from firmware_link.emulator.emulator_process import EmulatorLog, RunningEmulator
 from firmware_link.emulator.pty import open_pseudo_terminal
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from firmware_link.host.reopening import ReopeningPort
-from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.serial_port import ReopeningPort, SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.link_errors import LinkError

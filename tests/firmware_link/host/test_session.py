@@ -7,8 +7,13 @@ import pytest
 
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration
-from firmware_link.host.reopening import FIRST_PAUSE_NS, LONGEST_PAUSE_NS, ReopeningPort, stable_name_of
-from firmware_link.host.serial_port import PortDescription
+from firmware_link.host.serial_port import (
+    FIRST_PAUSE_NS,
+    LONGEST_PAUSE_NS,
+    PortDescription,
+    ReopeningPort,
+    stable_name_of,
+)
 from firmware_link.host.session import Session
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.link_errors import LinkLostError

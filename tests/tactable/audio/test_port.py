@@ -12,8 +12,7 @@ import pytest
 
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from firmware_link.host.reopening import ReopeningPort
-from firmware_link.host.serial_port import DescriptorPort
+from firmware_link.host.serial_port import DescriptorPort, ReopeningPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from tactable.audio.board import AudioBoard

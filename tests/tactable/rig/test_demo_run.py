@@ -19,14 +19,22 @@ from engine.touch import Placement, open_digitizer
 from engine.touch.sources.recording import Playback, Recording, read_recording, write_recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent
 from firmware_link.emulator.emulator_process import decode_log
-from firmware_link.host.reopening import ReopeningPort
+from firmware_link.host.serial_port import ReopeningPort
 from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions, ClickSolver
 from tactable.figures.demo_picture import draw_demo
 from tactable.rig import demo_run
 from tactable.rig.demo_page import print_demo
-from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
-from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, run_demo
+from tactable.rig.demo_run import (
+    AGREEMENT,
+    ClickReport,
+    DemoReport,
+    DriveReport,
+    Reporter,
+    demo_json,
+    find_missed,
+    run_demo,
+)
 from tactable.rig.emulate import configuration_of
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
