@@ -198,7 +198,7 @@ class _Blocks:
             answer[k + 1 :, :, k + 1] = later[: _BLOCK - 1 - k]
         free = (powers[1:, None] * seen).reshape(-1, len(grow))
         joined = forced.transpose(1, 0, 2).reshape(len(grow), -1)
-        return cls(rate_hz, powers[_BLOCK], joined, free, answer.reshape(len(free), -1))
+        return cls(rate_hz, powers[_BLOCK], joined, free, answer.reshape(len(free), (_BLOCK + 1) * before.shape[1]))
 
 
 def _chunks(displacement: Array) -> Iterator[Array]:
