@@ -6,14 +6,14 @@ import ctypes
 import struct
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from engine.device import Device
 from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import Drives, Effect, Effects, Rule, Segment, Trigger, burst
 from engine.loop.beside import ClickSolving, ControlSlot, Updates
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.fast_layout import with_fast_table
+from engine.loop.fast.fast_layout import FastRendering, with_fast_table
 from engine.loop.fast.moment import FastLink, FastSession
 from engine.loop.loop import Clock, Loop, Measuring, connect
 from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observer, Observers, Timing, Trace
@@ -22,7 +22,7 @@ from engine.loop.ring import Record, RingWriter
 from engine.render.board_fit import BoardFit, choose_basis
 from engine.render.limits import link_configuration
 from engine.render.prepared import Rendering
-from engine.render.renderer import RenderedClicks, Renderer, ZoneDrives
+from engine.render.renderer import RenderedClicks, Renderer, Steady, ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows
 from engine.touch.sources import Source
@@ -89,11 +89,16 @@ def rendering_of(
     clicks: Clicks = NO_CLICKS,
     device: Device = DEVICE,
     always_hz: float | None = None,
-) -> Rendering:
-    """Another table for the run of a rig; its steady drives are those of `MadeSteady`."""
-    configuration = link_configuration(DEVICE, BIT_RATE_HZ)
-    basis = choose_basis(clicks.basis, capabilities, BIT_RATE_HZ, configuration.lease_ms)
-    steady, rendered = MadeSteady(device, always_hz=always_hz), RenderedClicks(clicks, basis, refuses=False)
+    *,
+    steady: Steady | None = None,
+    refuses: bool = False,
+    bit_rate_hz: int = BIT_RATE_HZ,
+) -> FastRendering:
+    """A table for the run of a rig; its steady drives are those of `MadeSteady` where no others are given."""
+    configuration = link_configuration(device, bit_rate_hz)
+    held = clicks.basis if effects.drives is Drives.POSITIONS else None
+    basis = choose_basis(held, capabilities, bit_rate_hz, configuration.lease_ms)
+    steady, rendered = steady or MadeSteady(device, always_hz=always_hz), RenderedClicks(clicks, basis, refuses)
     renderer = Renderer(capabilities, steady, rendered, effects.levels_db)
     configuration = replace(configuration, basis=basis.basis)
     ahead_ns = 0 if basis.basis is None else CLICK_AHEAD_NS
@@ -135,32 +140,24 @@ class Rig:
     def __post_init__(self) -> None:
         self.trace, timing = Trace(), Timing()
         self.latency = timing.latency
-        configuration = link_configuration(self.device, self.bit_rate_hz)
-        session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
-        capabilities = connect(session, self.line)
-        held = self.clicks.basis if self.effects.drives is Drives.POSITIONS else None
-        basis = choose_basis(held, capabilities, self.bit_rate_hz, configuration.lease_ms)
-        if basis.basis is not None:
-            configuration = replace(configuration, basis=basis.basis)
-            session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
-            connect(session, self.line)
-        self.session = session
-        self.start_ns = self.line.time_ns
-        source = Packets(self.recording, self.speed)
-        device, refuses = self.device, self.refuses
+        device, refuses, line = self.device, self.refuses, self.line
+        session = FastSession(FastLink(link_configuration(device, self.bit_rate_hz)), line, line.now_ns)
+        capabilities = connect(session, line)
         self.steady = MadeSteady(device, refuses=refuses)
-        clicks = RenderedClicks(self.clicks, basis, refuses)
         zones = None if self.rows is None else ZoneDrives(device, capabilities, self.rows, refuses, (1.0, 1.0))
-        self.renderer = Renderer(capabilities, zones or self.steady, clicks, self.effects.levels_db)
-        pipeline = open_pipeline(source, device, self.effects, self.renderer, self.line.now_ns)
-        ahead_ns = pipeline.player.ahead_ns = 0 if basis.basis is None else CLICK_AHEAD_NS
+        more: dict[str, Any] = {"steady": zones or self.steady, "refuses": refuses, "bit_rate_hz": self.bit_rate_hz}
+        self.rendering = rendering_of(capabilities, self.effects, self.clicks, device, **more)
+        self.renderer = self.rendering.renderer
+        if self.rendering.basis is not None:
+            session = FastSession(FastLink(self.rendering.configuration), line, line.now_ns)
+            connect(session, line)
+        self.session, self.start_ns = session, line.time_ns
+        source = Packets(self.recording, self.speed)
+        pipeline = open_pipeline(source, device, self.effects, self.renderer, line.now_ns)
+        pipeline.player.ahead_ns = self.rendering.click_ahead_ns
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
         edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
-        self.rendering = with_fast_table(
-            Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS, ahead_ns, BoardFit((1.0, 1.0))),
-            capabilities,
-        )
         if self.library is not None:
             fast = VirtualFastPath(
                 self.library, source, pipeline, dispatcher, self.line, self.effects, self.rendering, self.observers
