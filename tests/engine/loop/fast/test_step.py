@@ -124,6 +124,10 @@ def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Dr
     assert 0.25 * due < sum(run.answered for run in runs)
 
 
+def touch_in(*zones: int) -> Effects:
+    return Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset(zones)),))
+
+
 Frames = list[tuple[float, bytes]]
 IDLE = (0.0, report({}))
 """The first report finds the line busy, which was only just armed."""
@@ -168,19 +172,17 @@ def test_fingers_in_gaps_between_zones_are_fingers() -> None:
         ((111.8, 167.6), (False, True)),
         ((111.8, 273.8), (False, True)),
     ]
-    in_zones = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0, 1})),))
     # Only the second lies in a zone; the first is quiet in its gap.
-    assert answered_whole(frames, in_zones, GAPS) == [((111.8, 167.6), (False, True))]
+    assert answered_whole(frames, touch_in(0, 1), GAPS) == [((111.8, 167.6), (False, True))]
 
 
 @pytest.mark.parametrize("zone", range(5))
 def test_a_finger_on_an_edge_is_in_the_zone_that_starts_there_as_in_the_loop(zone: int) -> None:
     """Some of the edges are positions of the digitizer to the last bit; between two edges a finger is in the zone."""
-    one_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
     frames: Frames = []
     for half in range(11):
         frames += [(0.1 + 0.1 * half, report({1: 0.1 * half})), (0.15 + 0.1 * half, report({}, [1]))]
-    assert answered_whole(frames, one_zone)
+    assert answered_whole(frames, touch_in(zone))
 
 
 def test_a_region_has_both_of_its_ends() -> None:
@@ -196,10 +198,9 @@ def test_a_region_has_both_of_its_ends() -> None:
 
 
 def test_a_click_under_way_keeps_its_fingers() -> None:
-    first_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0})),))
     frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.104, report({1: 0.1, 2: 0.55})), (0.108, report({1: 0.1}, [2]))]
     frames += [(0.112, report({1: 0.1, 3: 0.9})), (0.116, report({1: 0.15, 3: 0.9})), (0.2, report({}, [1, 3]))]
-    assert answered_whole(frames, first_zone) == [((27.9, 139.7), (True, False))]
+    assert answered_whole(frames, touch_in(0)) == [((27.9, 139.7), (True, False))]
 
 
 def test_a_finger_that_lifts_is_felt_where_it_was_by_its_lift_rule() -> None:
@@ -213,10 +214,9 @@ def test_a_finger_that_lifts_is_felt_where_it_was_by_its_lift_rule() -> None:
 @pytest.mark.parametrize(("units", "place_m"), [(1, 0.0), (2, 1.0)])
 def test_a_finger_counts_where_it_is_held_not_where_it_jitters(units: int, place_m: float) -> None:
     """A unit of the digitizer is 0.28 mm, a finger is followed from 0.5 mm on, and two places meet at unit 50."""
-    only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
     frames = [(0.1, report({1: 0.049})), (0.2, report({1: 0.049 + 0.001 * units}))]
     frames += [(0.3, report({1: 0.049 + 0.001 * units, 2: 0.9})), (0.4, report({}, [1, 2]))]
-    ((position_mm, is_felt),) = answered_whole(frames, only_last)
+    ((position_mm, is_felt),) = answered_whole(frames, touch_in(4))
     assert is_felt == (False, True)
     assert position_mm[0] == round((49 + units * place_m) * 0.2794, 1)
 
@@ -224,20 +224,18 @@ def test_a_finger_counts_where_it_is_held_not_where_it_jitters(units: int, place
 @pytest.mark.parametrize(("bars_per_s", "ahead_mm"), [(0.0, 0.0), (0.125, 1.0), (-0.5, -3.9), (1.0, 7.8), (2.5, 15.0)])
 def test_a_click_is_made_for_where_a_finger_that_slides_will_be(bars_per_s: float, ahead_mm: float) -> None:
     """A finger slides over the bar, 279.4 mm long, and another comes down; the click's peak is 28 ms after that."""
-    only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
     frames = [(0.1 + t_s, report({1: 0.3 + bars_per_s * t_s})) for t_s in np.arange(7) * 0.008]
     at = 0.3 + bars_per_s * 0.056
     frames += [(0.156, report({1: at, 2: 0.95})), (0.3, report({}, [1, 2]))]
-    ((position_mm, is_felt),) = answered_whole(frames, only_last)
+    ((position_mm, is_felt),) = answered_whole(frames, touch_in(4))
     assert is_felt == (False, True) and position_mm[1] == 265.4
     assert position_mm[0] == pytest.approx(279.4 * at + ahead_mm, abs=0.31)
 
 
 def test_a_step_of_less_than_a_finger_is_followed_by_is_none() -> None:
     """It moves by 0.28 mm in 16 ms, 0.49 mm until the peak; two places meet where it is, and it is held before that."""
-    only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
     frames = [(0.1, report({1: 0.049})), (0.116, report({1: 0.05, 2: 0.9})), (0.3, report({}, [1, 2]))]
-    ((position_mm, _),) = answered_whole(frames, only_last)
+    ((position_mm, _),) = answered_whole(frames, touch_in(4))
     assert position_mm[0] == 13.7
 
 
@@ -314,9 +312,8 @@ def test_a_report_that_is_cut_off_brings_nothing_and_lifts_no_finger(cut_s: floa
 
 @pytest.mark.parametrize(("place", "zone"), [(0.115, 0), (0.885, 4)])
 def test_a_finger_beyond_an_end_of_the_bar_is_at_that_end(place: float, zone: int) -> None:
-    only_there = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
     frames = [(0.1, report({1: place})), (0.2, report({}, [1]))]
-    ((position_mm, _),) = answered_whole(frames, only_there, WIDE)
+    ((position_mm, _),) = answered_whole(frames, touch_in(zone), WIDE)
     assert position_mm == (0.0 if zone == 0 else 279.4,)
 
 
