@@ -30,8 +30,7 @@ from base.errors import TactableError
 from engine.device import Device
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import Basis, encode_basis
-from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import occupied_ns
+from firmware_link.protocol.framing import encode_message, occupied_ns
 from firmware_link.protocol.messages import LINEARISES, PM_PER_M, Features, Play
 
 TOLERANCE = 0.1  # 0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)

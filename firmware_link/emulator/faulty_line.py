@@ -6,8 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from firmware_link.emulator.fault_plan import FaultPlan, TimedKind
-from firmware_link.protocol.framing import DELIMITER
-from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE
+from firmware_link.protocol.framing import DELIMITER, UART_BITS_PER_BYTE
 
 US_PER_S = 1_000_000
 BITS_PER_BYTE = 8

@@ -1,8 +1,7 @@
 """The line to the device: what numbers its frames, when it is free for the next write, and what is sent repeatedly."""
 
-from firmware_link.protocol.framing import FrameEncoder
+from firmware_link.protocol.framing import FrameEncoder, occupied_ns
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.line_rate import occupied_ns
 
 
 class Line:

@@ -7,7 +7,7 @@ accelerometer is, and only a line that carries that gets a stream. A stream that
 from firmware_link.host.line import Line, RepeatedRequest
 from firmware_link.host.link_values import AccelerometerDescribed
 from firmware_link.host.outbox import NS_PER_MS
-from firmware_link.protocol.line_rate import sensed_rate_hz
+from firmware_link.protocol.framing import sensed_rate_hz
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Accelerometer, Features, Sense
 

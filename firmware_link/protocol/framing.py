@@ -1,4 +1,4 @@
-"""Frames of the wire: a body to `COBS(body ‖ crc32_le) ‖ 0x00` and back."""
+"""Frames of the wire: a body to `COBS(body ‖ crc32_le) ‖ 0x00` and back, and how many of them a line carries."""
 
 import zlib
 from dataclasses import dataclass
@@ -16,6 +16,9 @@ EMERGENCY_STOP = DELIMITER * EMERGENCY_STOP_RUN
 
 _CHECKSUM_SIZE = 4
 _SHORTEST_BODY = 2
+NS_PER_S = 1_000_000_000
+UART_BITS_PER_BYTE = 10  # a start bit, eight of data, a stop bit
+SENSED_SHARE = 0.8  # the rest is for STATUS and answers, and for an accelerometer that is faster than it says
 
 
 class Signal(Enum):
@@ -134,3 +137,16 @@ class FrameDecoder:
             return None
         self.counters.ok += 1
         return body
+
+
+def occupied_ns(bit_rate_hz: int, size: int) -> int:
+    """Duration for which `size` bytes occupy a serial line; USB, which ignores the bit rate, is taken for one."""
+    return size * UART_BITS_PER_BYTE * NS_PER_S // bit_rate_hz
+
+
+def sensed_rate_hz(bit_rate_hz: int, number_of_actuators: int) -> float:
+    """Samples a second of an accelerometer that the line carries in ACCELERATION, in SENSED_SHARE of its time."""
+    samples = messages.MAXIMUM_SENSED_VALUES // (1 + number_of_actuators)
+    values = (0,) * samples * (1 + number_of_actuators)
+    size = len(encode_message(messages.Acceleration(0, 0, 0, len(values), values), 0))
+    return SENSED_SHARE * samples * NS_PER_S / occupied_ns(bit_rate_hz, size)

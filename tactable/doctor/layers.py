@@ -19,8 +19,7 @@ from engine.touch import Placement, open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.pty import open_pseudo_terminal
 from firmware_link.protocol.drive_words import DRIVE_SIZE
-from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import NS_PER_S, occupied_ns
+from firmware_link.protocol.framing import NS_PER_S, encode_message, occupied_ns
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Set, SetFlag
 from tactable.doctor import Check

@@ -10,8 +10,7 @@ import firmware_link
 from firmware_link.host.link import EXCHANGE_PERIOD_NS
 from firmware_link.host.outbox import LONGEST_SEQUENCE_LEAD, Lease
 from firmware_link.protocol.drive_words import DRIVE_SIZE
-from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import NS_PER_S, occupied_ns, sensed_rate_hz
+from firmware_link.protocol.framing import NS_PER_S, encode_message, occupied_ns, sensed_rate_hz
 from firmware_link.protocol.messages import FULL_SCALE_WORD, Play, Set, SetFlag, TimeRequest
 from firmware_link.protocol.player import WAVEFORMS_AT_ONCE, Player
 from tests.firmware_link.strategies import unhurried
