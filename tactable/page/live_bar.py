@@ -5,9 +5,9 @@ threshold filter is linear, so a level at any place follows from the filtered mo
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,18 +42,18 @@ _SMOOTH = 160
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing
 
 
-@dataclass(frozen=True)
-class Moved:
-    """The levels of one stretch of time, dB above the detection threshold, at least LOWEST_DB.
+class Levels(NamedTuple):
+    """Levels in dB above the detection threshold, at least LOWEST_DB: (point,) in the field, and by finger."""
 
-    levels_db, power_levels_db (point,): at the points of the field; the greatest, and the mean power of all tones.
-    peak_db, power_db: the same two by finger.
-    """
+    field_db: Array
+    finger_db: dict[int, float]
 
-    levels_db: Array
-    power_levels_db: Array
-    peak_db: Mapping[int, float]
-    power_db: Mapping[int, float]
+
+class Moved(NamedTuple):
+    """The levels of one stretch of time: the greatest, and the mean power of all tones."""
+
+    peak: Levels
+    power: Levels
 
 
 class _RollingBuffer:
@@ -224,14 +224,13 @@ class LiveBar:
         past = self._weighted.last(round(POWER_S * RATE_HZ))
         # The mean of a square under a shape is a quadratic form of the modes' covariance.
         power = np.sqrt(np.maximum(2 * np.einsum("pm,pm->p", self._rows @ (past.T @ past / len(past)), self._rows), 0))
-        numbers = [finger.contact_id for finger in self._fingers]
-        levels_db, powers_db = decibels(newest), decibels(power)
-        return Moved(
-            levels_db=levels_db[: self.field.count],
-            power_levels_db=powers_db[: self.field.count],
-            peak_db=dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True)),
-            power_db=dict(zip(numbers, powers_db[self.field.count :].tolist(), strict=True)),
-        )
+        return Moved(self._levels_of(newest), self._levels_of(power))
+
+    def _levels_of(self, ratio: Array) -> Levels:
+        """The levels of ratios in the field, then under the fingers."""
+        level_db, numbers = decibels(ratio), [finger.contact_id for finger in self._fingers]
+        under_db = level_db[self.field.count :].tolist()
+        return Levels(level_db[: self.field.count], dict(zip(numbers, under_db, strict=True)))
 
     def _greatest(self, count: int) -> Array:
         """Greatest acceleration over threshold in the newest samples: in the field, then under the fingers."""
@@ -249,15 +248,10 @@ class LiveBar:
         weighted: Array = np.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]
         return weighted
 
-    def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:
-        """The greatest levels since a past moment, dB above threshold: (point,) in the field, and by finger.
-
-        Those of the fingers are at their present positions.
-        """
+    def greatest_since(self, since_us: float) -> Levels:
+        """The greatest levels since a past moment; those of the fingers are at their present positions."""
         passed = min(max(_sample_at(self.now_us) - _sample_at(since_us), 0), self._weighted.kept)
-        levels_db = decibels(self._greatest(passed))
-        numbers = [finger.contact_id for finger in self._fingers]
-        return levels_db[: self.field.count], dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True))
+        return self._levels_of(self._greatest(passed))
 
     def motion(self, since_us: float, duration_s: float, every: int, finger_m: Sequence[complex]) -> Array | None:
         """Acceleration (step, point and finger) of a moment, each `every`-th sample; None before its end, or late."""
@@ -314,20 +308,18 @@ class BarLevels:
     def move_until(self, until_us: float, touches: Sequence[Touch], command: Command | None) -> None:
         """Let the bar move until then, and take its levels for the command."""
         start_us = self.bar.now_us
-        self._take(self.bar.move_until(until_us), start_us, touches, command)
-
-    def _take(self, moved: Moved | None, start_us: float, touches: Sequence[Touch], command: Command | None) -> None:
+        moved = self.bar.move_until(until_us)
         self.is_moving = moved is not None
         is_steady = command is not None and command.drive is Drive.STEADY
         if moved is None or command is None:
             self.along_db, self.present_db = self._nothing_db, {}
             self.counted_db = self.along_db if is_steady else self.counted_db
             return
-        self.along_db = moved.levels_db
+        self.along_db = moved.peak.field_db
         # After a stall one step may hold several commands: what was before the last one is not that one's.
         counted_db, felt_db = self.bar.greatest_since(max(command.at_us, start_us))
-        self.counted_db = moved.power_levels_db if is_steady else np.maximum(self.counted_db, counted_db)
-        self.present_db = dict(moved.power_db if is_steady else moved.peak_db)
+        self.counted_db = moved.power.field_db if is_steady else np.maximum(self.counted_db, counted_db)
+        self.present_db = (moved.power if is_steady else moved.peak).finger_db
         is_over = is_steady and self.bar.now_us > command.ended_us
         for touch in touches:
             number = touch.contact_id

@@ -59,8 +59,8 @@ def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: 
         moved, alone = bar.move_until(stop * FRAME_US), untouched.move_until(stop * FRAME_US)
         assert (moved is None) == (alone is None)
         if moved is not None and alone is not None:
-            assert moved.peak_db[1] == pytest.approx(moved.levels_db[point], abs=1e-6)
-            assert moved.levels_db == pytest.approx(alone.levels_db, abs=1e-6)
+            assert moved.peak.finger_db[1] == pytest.approx(moved.peak.field_db[point], abs=1e-6)
+            assert moved.peak.field_db == pytest.approx(alone.peak.field_db, abs=1e-6)
 
 
 def test_a_bar_that_nothing_drives_is_at_rest_and_a_click_rings_down_to_it(table: Table) -> None:
@@ -78,8 +78,8 @@ def test_a_step_of_any_length_goes_to_its_end_and_a_stall_in_it_hurts_no_level(t
     run(bar, 0.3)
     end_us = bar.now_us + 1e6 * seconds
     moved = bar.move_until(end_us)
-    assert bar.now_us == end_us and moved is not None and moved.peak_db.keys() == {1}
-    assert moved.power_db[1] == pytest.approx(20.0, abs=0.2)
+    assert bar.now_us == end_us and moved is not None and moved.peak.finger_db.keys() == {1}
+    assert moved.power.finger_db[1] == pytest.approx(20.0, abs=0.2)
 
 
 def test_what_is_remembered_of_commands_does_not_grow(table: Table) -> None:
@@ -139,10 +139,10 @@ def levels_on(table: Table, other: OtherBar, *, is_click: bool) -> list[float]:
     bar.become(other)
     if is_click:
         run(bar, 0.1)
-        found = bar.greatest_since(0.0)[1]
+        found = bar.greatest_since(0.0).finger_db
     else:
         run(bar, 0.8, 1e5)
         moved = bar.move_until(bar.now_us + FRAME_US)
         assert moved is not None
-        found = dict(moved.power_db)
+        found = moved.power.finger_db
     return [found[touch.contact_id] for touch in touches_of(table, PAIR)]

@@ -119,9 +119,9 @@ def test_the_field_of_a_plate_has_the_levels_of_its_fingers() -> None:
     bar.touch([Touch(1, complex(bar.field.position_m[point]), None)], is_loaded=False)
     found = [bar.move_until(25_000.0 * stop) for stop in range(1, 13)][-1]
     assert found is not None
-    assert found.levels_db[point] == pytest.approx(found.peak_db[1], abs=0.5)
-    assert found.power_levels_db[point] == pytest.approx(found.power_db[1], abs=1e-6)
-    assert found.peak_db[1] > decibels(np.array([1.0]))[0]
+    assert found.peak.field_db[point] == pytest.approx(found.peak.finger_db[1], abs=0.5)
+    assert found.power.field_db[point] == pytest.approx(found.power.finger_db[1], abs=1e-6)
+    assert found.peak.finger_db[1] > decibels(np.array([1.0]))[0]
 
 
 def test_the_points_of_a_plate_are_pairs_in_what_a_page_is_told() -> None:
