@@ -25,10 +25,9 @@ from engine.loop.ring import RingError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
-from tactable.page.live_bar import LiveBar
+from tactable.page.live_bar import LiveBar, PaperBar
 from tactable.page.page_messages import DroppedFile, encode_picture
 from tactable.page.page_server import PageBackend
-from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
 from tactable.page.processes.asynchronous import Builder, EngineProcess, FirmwareProcess, order_for
 from tactable.page.processes.build_process import BuildOrder

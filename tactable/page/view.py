@@ -19,7 +19,7 @@ from engine.touch.finger_tracker import ZoneFinder
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.judged_commands import Command, CommandReader, time_of
-from tactable.page.live_bar import LONGEST_STEP_S, RATE_HZ, BarLevels, LiveBar
+from tactable.page.live_bar import LONGEST_STEP_S, RATE_HZ, BarLevels, LiveBar, PaperBar
 from tactable.page.page_messages import (
     LOWEST_DB,
     Drive,
@@ -31,7 +31,6 @@ from tactable.page.page_messages import (
     encode_motion,
     encode_sound,
 )
-from tactable.page.paper_bar import PaperBar
 from tactable.rig.promises import OtherBar, SampledPromises
 
 CLICK_MOTION_S = 0.09  # length of the slowed moment of a click: the click, and the ringing after it

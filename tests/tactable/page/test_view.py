@@ -14,9 +14,8 @@ from engine.touch import Placement
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.protocol.basis import encode_click
 from firmware_link.protocol.drive_words import ChannelDrive
-from tactable.page.live_bar import RATE_HZ, LiveBar
+from tactable.page.live_bar import RATE_HZ, LiveBar, PaperBar
 from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
-from tactable.page.paper_bar import PaperBar
 from tactable.page.processes.live_process import RingDrive
 from tactable.page.view import HEARD_S, JUDGED_S, LATENCIES, View
 from tactable.rig.promises import Promises, SampledPromises, SolvedClick
