@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -82,15 +81,24 @@ def pulse(*segments: tuple[float | None, float | None]) -> Effect:
 HELD = pulse((None, 20.0))
 
 
+def touched(rule: Rule, *touches: Touch) -> EffectPlayer:
+    """A player of one rule that has had one frame, at 0."""
+    player = EffectPlayer(Effects((rule,)))
+    player.take_touches(touches, 0)
+    return player
+
+
+def places_mm(player: EffectPlayer) -> list[float]:
+    assert player.wanted.placement is not None
+    return [round(place_m.real / MM, 6) for place_m in player.wanted.placement.position_m]
+
+
 @pytest.mark.parametrize(("to_mm", "held_mm"), [(60.0, 59.7), (0.1, 0.0), (100.0, 99.7), (99.9, 99.6)])
 def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_mm: float, held_mm: float) -> None:
-    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
-    player.take_touches([touch(1, 20)], 0)
+    player = touched(Rule(Trigger.TOUCH, HELD), touch(1, 20))
     player.take_touches([touch(1, 20.3)], MS)  # too little to be followed
     player.change_bar([touch(1, to_mm)], 100 * MM)
-    assert player.wanted.placement is not None and player.wanted.placement.position_m == pytest.approx(
-        (held_mm * MM,), abs=1e-12
-    )
+    assert places_mm(player) == [held_mm]
 
 
 def test_a_finger_has_its_own_role_in_a_gap_and_beside_another_one_of_its_zone() -> None:
@@ -101,8 +109,7 @@ def test_a_finger_has_its_own_role_in_a_gap_and_beside_another_one_of_its_zone()
 
 @given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
 def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, int | None]]) -> None:
-    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)))
-    player.take_touches([touch(1, 10)], 0)
+    player = touched(Rule(Trigger.TOUCH, pulse(*segments)), touch(1, 10))
     levels = [level for duration, level in segments for _ in range(duration)] + [None] * 5
     for time_ms, level in enumerate(levels):
         player.advance_effects(time_ms * MS)
@@ -116,12 +123,10 @@ def test_the_first_rule_that_covers_the_finger_wins() -> None:
         Rule(Trigger.TOUCH, pulse((None, 3.0)), zones=frozenset({0, 1})),
         Rule(Trigger.TOUCH, pulse((None, 4.0))),
     ]
-    levels = []
-    for place_mm in (10, 30, 60, 110):
+    for place_mm, level_db in ((10, 1.0), (30, 3.0), (60, 3.0), (110, 4.0)):
         seen = story(*rules)
         seen.at(0, touch(1, place_mm))
-        levels.append(seen.player.wanted.level_db)
-    assert levels == [1.0, 3.0, 3.0, 4.0]
+        assert seen.player.wanted.level_db == level_db
 
 
 def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> None:
@@ -296,20 +301,15 @@ def test_a_click_lasts_as_long_as_the_table_says() -> None:
 
 
 def test_a_held_drive_follows_the_finger_in_steps_that_its_jitter_does_not_make() -> None:
-    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
-    placed, changed = list[float](), list[bool]()
-    for place_mm in (40.0, 40.3, 39.7, 40.0, 40.49, 40.51, 40.1, 40.0, 41.0, 60.0):
-        changed.append(player.take_touches([touch(1, place_mm)], 0))
-        assert player.wanted.placement is not None
-        placed.append(round(player.wanted.placement.position_m[0].real / MM, 3))
-    assert placed == [40.0, 40.0, 40.0, 40.0, 40.0, 40.51, 40.51, 40.0, 41.0, 60.0]
-    assert changed == [True, *(later != earlier for earlier, later in pairwise(placed))]
+    player = touched(Rule(Trigger.TOUCH, HELD), touch(1, 40.0))
+    placed = [40.0, 40.0, 40.0, 40.0, 40.51, 40.51, 40.0, 41.0, 60.0]
+    for n, place_mm in enumerate((40.3, 39.7, 40.0, 40.49, 40.51, 40.1, 40.0, 41.0, 60.0)):
+        changed = player.take_touches([touch(1, place_mm)], 0)
+        assert (places_mm(player), changed) == ([placed[n]], n > 0 and placed[n] != placed[n - 1])
 
 
 def test_a_click_keeps_the_placement_that_it_began_with() -> None:
-    feels = Effects((Rule(Trigger.TOUCH, click(20.0), zones=frozenset({0})),))
-    player = EffectPlayer(feels)
-    player.take_touches([touch(2, 110)], 0)
+    player = touched(Rule(Trigger.TOUCH, click(20.0), zones=frozenset({0})), touch(2, 110))
     player.take_touches([touch(2, 110), touch(1, 10)], 10 * MS)
     began = player.wanted.placement
     assert began == Placement((0.01, 0.11), (True, False))
@@ -332,39 +332,46 @@ def test_a_click_that_a_later_one_cut_does_not_come_back() -> None:
 
 def test_fingers_that_are_one_to_the_bar_are_placed_as_one() -> None:
     near_mm = 0.9 * CLOSEST_M / MM
-    first_feels = Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.02)),))
-    player = EffectPlayer(first_feels)
-    player.take_touches([touch(1, 15), touch(2, 15 + near_mm), touch(3, 100), touch(4, 100 + near_mm)], 0)
-    assert (player.wanted.placement, player.joined) == (Placement((0.015, 0.1), (True, False)), 2)
-    last_feels = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.02, 0.03)),)))
-    last_feels.take_touches([touch(1, 15), touch(2, 15 + near_mm)], 0)
+    near, far = (touch(1, 15), touch(2, 15 + near_mm)), (touch(3, 100), touch(4, 100 + near_mm))
+    first_feels = touched(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.02)), *near, *far)
+    assert (first_feels.wanted.placement, first_feels.joined) == (Placement((0.015, 0.1), (True, False)), 2)
+    last_feels = touched(Rule(Trigger.TOUCH, HELD, region_m=(0.02, 0.03)), *near)
     assert last_feels.wanted.placement == Placement(((15 + near_mm) * MM,), (True,))
 
 
 def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
-    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.2, 0.3)),)))
-    player.take_touches([touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)], 0)
+    fingers = [touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)]
+    player = touched(Rule(Trigger.TOUCH, HELD, region_m=(0.2, 0.3)), *fingers)
     placement = player.wanted.placement
     assert placement is not None
     assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
     assert placement.position_m[-1] == 0.23 and 0.17 not in placement.position_m
 
 
-# Where fingers will be: an island of its own, on a bar of 250 mm whose clicks have their peak 30 ms after a report.
+# Where fingers will be: an island of its own, on a bar of 250 mm.
 LAST_CLICKS = Effects((Rule(Trigger.TOUCH, click(20.0), zones=frozenset({4})),))
 
 
-def made_for(*course: tuple[float, float], comes_mm: float = 240.0, effects: Effects = LAST_CLICKS) -> Placement:
-    """The placement of a click of a finger that comes down in the last frame of another's course, (ms, mm)."""
+def slid(effects: Effects, course: Sequence[tuple[float, float]], peak_ms: int = 30) -> EffectPlayer:
+    """A player after a finger's course, (ms, mm); its clicks have their peak some time after a report."""
     player = EffectPlayer(effects)
     player.change_bar((), 0.25)
-    player.ahead_ns = 30 * MS
-    *before, (last_ms, last_mm) = course
-    for time_ms, place_mm in before:
+    player.ahead_ns = peak_ms * MS
+    for time_ms, place_mm in course:
         player.take_touches([touch(1, place_mm)], round(time_ms * MS))
+    return player
+
+
+def evenly(count: int, from_mm: float = 100.0, step_mm: float = 1.0) -> list[tuple[float, float]]:
+    return [(8.0 * n, from_mm + step_mm * n) for n in range(count)]
+
+
+def made_for(*course: tuple[float, float], comes_mm: float = 240.0, effects: Effects = LAST_CLICKS) -> list[float]:
+    """Places, mm, that are made for a finger that comes down in the last frame of another's course."""
+    last_ms, last_mm = course[-1]
+    player = slid(effects, course[:-1])
     player.take_touches([touch(1, last_mm), touch(2, comes_mm)], round(last_ms * MS))
-    assert player.wanted.placement is not None and player.wanted.click_ns == round(last_ms * MS)
-    return player.wanted.placement
+    return places_mm(player)
 
 
 @given(st.floats(-1500.0, 1500.0), st.sampled_from((4.0, 8.0, 12.0, 25.0)))
@@ -372,74 +379,54 @@ def test_a_click_is_made_for_where_a_finger_that_slides_evenly_will_be(mm_per_s:
     frames = [(n * period_ms, 100.0 + mm_per_s * n * period_ms / 1000) for n in range(int(50 / period_ms) + 1)]
     here_mm = frames[-1][1]
     frames = [(time_ms, min(max(place_mm, 0.0), 220.0)) for time_ms, place_mm in frames]
-    quiet_m = made_for(*frames).position_m[0]
-    assert 0.0 <= quiet_m.real <= 0.25
+    quiet_mm = made_for(*frames)[0]
+    assert 0.0 <= quiet_mm <= 250.0
     if 0.0 <= here_mm <= 220.0 and abs(mm_per_s) * 0.03 > 0.51:
         step_mm = max(-15.0, min(15.0, 0.03 * mm_per_s))
         if here_mm + step_mm < 230.0:
-            assert quiet_m.real == pytest.approx(max(0.0, here_mm + step_mm) * MM, abs=1e-9)
+            assert quiet_mm == pytest.approx(max(0.0, here_mm + step_mm), abs=1e-6)
 
 
 @given(st.lists(st.floats(-0.1, 0.1), min_size=1, max_size=30))
 def test_the_noise_of_a_finger_at_rest_does_not_move_its_place(noise_mm: list[float]) -> None:
     frames = [(8.0 * n, 100.0 + each) for n, each in enumerate(noise_mm)]
     frames[0] = (0.0, 100.0)
-    assert made_for(*frames).position_m[0] == 100.0 * MM
+    assert made_for(*frames)[0] == 100.0
     assert 2 * 0.1 * MM * 30 / 15 < FOLLOW_M < FURTHEST_M
 
 
 def test_of_a_finger_that_has_just_come_no_speed_is_known() -> None:
-    assert made_for((0.0, 100.0), (14.0, 102.0)).position_m[0] == 102.0 * MM
-    assert made_for((0.0, 100.0), (15.0, 102.0)).position_m[0] == pytest.approx(106.0 * MM)
+    assert made_for((0.0, 100.0), (14.0, 102.0))[0] == 102.0
+    assert made_for((0.0, 100.0), (15.0, 102.0))[0] == 106.0
 
 
 def test_a_finger_is_not_where_it_would_run_into_another() -> None:
-    frames = [(8.0 * n, 210.0 + 2.0 * n) for n in range(8)]
-    assert made_for(*frames, comes_mm=235.0).position_m == (224.0 * MM, 235.0 * MM)
+    assert made_for(*evenly(8, 210.0, 2.0), comes_mm=235.0) == [224.0, 235.0]
 
 
 def test_a_steady_drive_is_made_for_where_fingers_are() -> None:
-    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, 20.0),)), zones=frozenset({4})),))
-    player = EffectPlayer(held)
-    player.ahead_ns = 30 * MS
-    for n in range(8):
-        player.take_touches([touch(1, 100.0 + n), *[touch(2, 240.0)] * (n == 7)], 8 * n * MS)
-    assert player.wanted.placement == Placement((107.0 * MM, 240.0 * MM), (False, True))
+    held = Effects((Rule(Trigger.TOUCH, HELD, zones=frozenset({4})),))
+    assert made_for(*evenly(8), effects=held) == [107.0, 240.0]
 
 
 def test_a_click_that_time_begins_counts_the_time_since_the_last_frame_and_not_after_a_silence() -> None:
     for wait_ms, quiet_mm in ((20, 110.0), (60, 105.0)):  # 5 mm in 40 ms; then 50 ms ahead, or a panel that is silent
         late = Effect("late", (Segment(wait_ms * MS, None), Segment(None, 20.0, is_click=True)))
         effects = Effects((Rule(Trigger.TOUCH, late, zones=frozenset({4})),))
-        player = EffectPlayer(effects)
-        player.change_bar((), 0.25)
-        player.ahead_ns = 20 * MS
-        for n in range(6):
-            player.take_touches([touch(1, 100.0 + n), *[touch(2, 240.0)] * (n == 5)], 8 * n * MS)
+        player = slid(effects, evenly(5), peak_ms=20)
+        player.take_touches([touch(1, 105.0), touch(2, 240.0)], 40 * MS)
         player.advance_effects((40 + wait_ms) * MS)
-        assert player.wanted.placement is not None
-        assert player.wanted.placement.position_m[0] == pytest.approx(quiet_mm * MM, abs=1e-9)
-
-
-def sliding(effects: Effects) -> EffectPlayer:
-    """A finger that has slid from 100 to 108 mm in 64 ms."""
-    player = EffectPlayer(effects)
-    player.change_bar((), 0.25)
-    player.ahead_ns = 30 * MS
-    for n in range(9):
-        player.take_touches([touch(1, 100.0 + n)], 8 * n * MS)
-    return player
+        assert places_mm(player)[0] == quiet_mm
 
 
 def test_a_finger_that_slides_off_is_felt_where_it_was() -> None:
-    player = sliding(Effects((Rule(Trigger.LIFT, click(20.0)),)))
+    player = slid(Effects((Rule(Trigger.LIFT, click(20.0)),)), evenly(9))
     player.take_touches([], 72 * MS)
     assert player.wanted.placement == Placement((108.0 * MM,), (True,))
 
 
 def test_another_bar_moves_no_finger() -> None:
-    player = sliding(LAST_CLICKS)
+    player = slid(LAST_CLICKS, evenly(9))
     player.change_bar([touch(1, 58.0)], 0.25)
     player.take_touches([touch(1, 59.0), touch(2, 240.0)], 72 * MS)
-    assert player.wanted.placement is not None
-    assert player.wanted.placement.position_m[0] == pytest.approx((59.0 + 30 / 8) * MM)
+    assert places_mm(player)[0] == 59.0 + 30 / 8
