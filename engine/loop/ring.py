@@ -16,8 +16,7 @@ from typing import NamedTuple, Self
 
 from base.errors import TactableError
 from base.points import point_of, sides_of
-from engine.loop.command_latency import Stamps
-from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.loop.observer import CommandRecord, Fate, LoopCounters, Stamps
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
 

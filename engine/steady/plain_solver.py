@@ -20,9 +20,8 @@ import numpy as np
 from base.arrays import Array, Complex, Mask
 from engine.device import Device
 from engine.steady.cases import FingerCases, MeasuredFinger, axes_of, cases_at, sample_deviations
-from engine.steady.given_drive import PlainLoading
 from engine.steady.modes import Modes, energy_points, held_zones
-from engine.steady.steady_drive import SteadyDrive
+from engine.steady.steady_drive import PlainLoading, SteadyDrive
 from engine.touch.placement import MOST_FINGERS
 
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)

@@ -24,7 +24,7 @@ from engine.device import Device, DeviceError
 from engine.device.named_files import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
-from engine.steady.given_drive import compute_levels
+from engine.steady.steady_drive import compute_levels
 from engine.steady.steady_solver import SteadySolver
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB

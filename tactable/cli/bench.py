@@ -21,7 +21,7 @@ from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
 EXIT_WORSE = 4
 _HIGHEST_RATE_HZ = 20_000
-_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/command_latency.py)
+_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/observer.py)
 
 
 def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) -> None:

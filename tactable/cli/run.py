@@ -16,8 +16,8 @@ from base.files import identity_of, work_folder
 from engine.device import Device
 from engine.effects.rules import Effects
 from engine.loop.beside import Updates
-from engine.loop.command_latency import Stage
 from engine.loop.loop import Clock, StopRequest, SystemClock
+from engine.loop.observer import Stage
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.loop.ring import RingWriter
 from engine.table import Table

@@ -4,7 +4,7 @@ A promise is what the table says of the levels of the weakest felt and the stron
 
 - A **click** of the table has its promise there, over sampled bars and fingers.
 - A **steady drive** is what the device was sent, so its levels are computed from these bytes and the modes of the
-  table, over sampled fingers (engine.steady.given_drive).
+  table, over sampled fingers (engine.steady.steady_drive).
 - A click that was solved beside the run has none: its spread would take a second.
 
 It is computed when its record is read, in the process of the control channel. Of several steady drives that are read
@@ -22,7 +22,7 @@ from base.arrays import Array
 from base.points import json_of
 from engine.loop.ring import Record
 from engine.render.board_fit import RendererError, scales_for
-from engine.steady.given_drive import CASES, compute_levels
+from engine.steady.steady_drive import CASES, compute_levels
 from engine.table import ClickEntry, Table
 from engine.touch import Placement, Touch
 from firmware_link.protocol.drive_words import decode_drive

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.loop.command_latency import Percentiles
+from engine.loop.observer import Percentiles
 from engine.render.board_fit import play_ns
 from engine.table import Table, TableError
 from engine.table.levels import DEFAULT_LEVEL_DB

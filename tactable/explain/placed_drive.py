@@ -10,7 +10,7 @@ from rich.table import Table as Grid
 
 from base.plain import to_plain
 from engine.device import Device, Threshold
-from engine.steady.given_drive import CASES, compute_levels
+from engine.steady.steady_drive import CASES, compute_levels
 from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from base.arrays import Array
 from engine.effects.effect_player import DEFAULT_CLICK_NS
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from engine.loop.ring import Record
 from engine.table import ClickEntry, Table
 from engine.touch import Placement, Touch

@@ -164,7 +164,7 @@ class Picture:
     age_s: float  # age of the last command
     wanted_db: float  # level of the last command; infinite: full scale
     last_ns: tuple[int, int, int, int, int]
-    """Latency of the last command that a report caused, from each stage (command_latency.Stage) to the next."""
+    """Latency of the last command that a report caused, from each stage (observer.Stage) to the next."""
     median_ns: tuple[int, int, int, int, int]  # median of the same over the last `latencies` commands
     latencies: int
     drive: Drive

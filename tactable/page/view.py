@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from base.plain import to_plain
 from base.points import is_within
 from engine.device import Device
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
 from engine.touch import Touch

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from engine.table.best_rows import BestRow
 from tactable.explain.words import finger_names, placement_text
 from tactable.rig.demo_run import AGREEMENT, ClickReport, DemoReport, DriveReport

@@ -22,7 +22,7 @@ from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow

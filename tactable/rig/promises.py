@@ -23,7 +23,7 @@ from base.arrays import Array, Complex
 from base.points import clip_points
 from engine.device import Device, Finger
 from engine.steady import SteadyDrive
-from engine.steady.given_drive import standard_levels
+from engine.steady.steady_drive import standard_levels
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
 from engine.table.clicks import played_at

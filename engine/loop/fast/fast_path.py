@@ -27,13 +27,12 @@ from collections.abc import Container, Sequence
 from typing import Protocol, runtime_checkable
 
 from engine.effects.rules import Effects
-from engine.loop.command_latency import Stage, Stamps
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import NONE, Fast, FastRendering
 from engine.loop.fast.library import FastPathError
 from engine.loop.fast.moment import Answer, FastSession, Moment
 from engine.loop.loop import Clock
-from engine.loop.observer import CommandRecord, LoopCounters, Observer
+from engine.loop.observer import CommandRecord, LoopCounters, Observer, Stage, Stamps
 from engine.loop.pipeline import Pipeline
 from engine.touch.sources import Source
 

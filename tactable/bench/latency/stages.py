@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from base.arrays import Array
-from engine.loop.command_latency import Percentiles
+from engine.loop.observer import Percentiles
 
 Stamps = Array  # shape (sample, point): ns after the report was due, NaN where a point was not measured
 Values = Array

@@ -3,7 +3,7 @@
 import numpy as np
 
 from base.arrays import Array, Integers
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.bench.ends import Arrivals
 from tactable.bench.latency.load_generator import Schedule

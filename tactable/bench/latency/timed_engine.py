@@ -15,9 +15,8 @@ import numpy as np
 from base.child import Parent
 from base.plain import to_plain
 from engine.effects.rules import DEFAULT_EFFECTS, Drives
-from engine.loop.command_latency import Stage
 from engine.loop.loop import SystemClock
-from engine.loop.observer import CommandRecord, Fate, Trace
+from engine.loop.observer import CommandRecord, Fate, Stage, Trace
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from firmware_link.host.clock import OffsetBounds

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from base.child import Parent
 from base.files import identity_of
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from engine.loop.ring import Record, RingReader
 from engine.render.board_fit import RendererError, scales_for
 from engine.table import Table, TableError

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, burst, click
-from engine.loop.command_latency import Stage
+from engine.loop.observer import Stage
 from engine.loop.ring import Record, RingReader, RingWriter
 from engine.steady.cases import MeasuredFinger
 from engine.touch.sources.recording import read_recording

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from engine.loop.command_latency import LatencyRecorder, Percentiles, ScanTimes, Stamps
+from engine.loop.observer import LatencyRecorder, Percentiles, ScanTimes, Stamps
 from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS

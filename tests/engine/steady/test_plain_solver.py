@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from engine.steady.given_drive import CASES, compute_levels
 from engine.steady.plain_solver import PlainSolver
+from engine.steady.steady_drive import CASES, compute_levels
 from precompute.predict.at_positions import SAMPLES
 from tests.engine.steady.bound import DEVICES, designer_of
 

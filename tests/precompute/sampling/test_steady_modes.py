@@ -8,7 +8,7 @@ import pytest
 from base.arrays import Array, Points
 from engine.device import Device, Finger
 from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
-from engine.steady.given_drive import PlainLoading
+from engine.steady.steady_drive import PlainLoading
 from engine.steady.steady_solver import SteadySolver
 from precompute.model.assembly import assemble
 from precompute.model.plant import Plant

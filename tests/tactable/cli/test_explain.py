@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from engine.steady.given_drive import compute_levels
+from engine.steady.steady_drive import compute_levels
 from engine.table import Table
 from engine.touch import Placement
 from precompute.clicks import ClickSolver

@@ -17,8 +17,7 @@ import tactable
 from engine.device import Device
 from engine.effects.effect_player import EffectPlayer
 from engine.effects.rules import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
-from engine.loop.command_latency import Stage
-from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.loop.observer import CommandRecord, Fate, LoopCounters, Stage
 from engine.loop.ring import RingReader, RingWriter
 from engine.table import Table
 from engine.touch import Touch
