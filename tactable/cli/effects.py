@@ -70,7 +70,7 @@ def show(
 
 
 def _write_hjif(path: Path, name: str, level: str, device_name: str | None, at: str | None) -> None:
-    from engine.effects.files.hjif_out import encode_hjif
+    from engine.effects.files.hjif import encode_hjif
 
     if (device_name is None) != (at is None):
         raise OptionError("--device and --at go together, such as --device reference-a --at 40mm")
@@ -147,7 +147,7 @@ def _effect(name: str, level: str) -> Effect:
 def _place(device_name: str, at: str) -> Any:
     import numpy as np
 
-    from engine.effects.files.hjif_out import EffectPlace
+    from engine.effects.files.hjif import EffectPlace
     from precompute.model.assembly import assemble
     from precompute.studies.reach_along import compute_reach
 

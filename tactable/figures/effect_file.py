@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from engine.effects.files.conversion import CLICK_MS, Converted, Fate
-from engine.effects.files.json_part import Kind
+from engine.effects.files.conversion import Converted, Fate
+from engine.effects.files.json_part import CLICK_MS, Kind
 from engine.effects.rules import NS_PER_MS
 from tactable.figures.picture_file import Picture
 from tactable.figures.style import BLUE, GREEN, GREY, ORANGE, VERMILLION

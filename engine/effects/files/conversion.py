@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from base.arrays import Array, Mask
 from engine.device.toml_table import read_text
 from engine.effects.files import ahap, haptic, hjif
-from engine.effects.files.json_part import MOST_EVENT_S, Event, Kind, Part, Pattern
+from engine.effects.files.json_part import CLICK_MS, MOST_EVENT_S, Event, Kind, Part, Pattern
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 
 FULL_LEVEL_DB = 25.0  # level of intensity 1 unless stated: that of the named effect `press`
-CLICK_MS, STEP_MS = 30, 20  # the border of pulse and vibration (docs/theory.md); below that, to follow a course
+STEP_MS = 20  # below the border of pulse and vibration, to follow a course
 SHORT_S, MOST_SHIFT_S = 0.040, 0.010  # of a click of 30 ms: a third longer is one too, a third late is in time
 SAME_DB, JUMP_DB = 1.5, 3.0  # a finger tells about 1.5 dB; a jump is twice that
 MOST_SEGMENTS = 1024  # 20 s of steps that all differ; bounds the memory of an effect

@@ -13,6 +13,7 @@ from typing import Any
 
 from engine.effects.rules import EffectError
 
+CLICK_MS = 30  # the border of pulse and vibration (docs/theory.md)
 LONGEST_S = 120.0  # the longest effect that a file may hold: a slip in a time makes no table of gigabytes
 LONGEST_WORD = 64  # of names; a row of a report stays a row
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects.files.conversion import CLICK_MS, FULL_LEVEL_DB, Converted, Fate, convert, decode_effect_file
-from engine.effects.files.hjif_out import EffectPlace, encode_hjif
-from engine.effects.files.json_part import Event, Kind, Part, Pattern
+from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate, convert, decode_effect_file
+from engine.effects.files.hjif import EffectPlace, encode_hjif
+from engine.effects.files.json_part import CLICK_MS, Event, Kind, Part, Pattern
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.shipped import named_effects
 
