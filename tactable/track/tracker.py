@@ -49,7 +49,7 @@ class Tracker:
         self._sensor, self._rate_hz = sensor, form.sample_rate_hz
         self._columns = [form.acceleration, *(index for index in loopbacks if index is not None)]
         self._rows = np.empty((0, len(self._columns)))
-        self._began_ns = self._end_ns = self._last_ns = self._used = self._refused = self._in_a_row = 0
+        self._began_ns = self._last_ns = self._used = self._refused = self._in_a_row = 0
         self._agreeing, self._last_touch = 0, frozenset[int]()  # touches with a window since the last table
         self._known = math.log(device.finger.spread) / _KNOWN
         self._told = dict[int, MeasuredFinger]()
@@ -64,11 +64,11 @@ class Tracker:
     def take_block(self, block: Block) -> bool:
         """Samples that follow those before; whether a window came of them."""
         self._rows = np.concatenate([self._rows, block.values[:, self._columns]])
-        self._end_ns, self._began_ns = block.arrived_ns, self._began_ns or block.arrived_ns
+        self._began_ns = self._began_ns or block.arrived_ns
         margin, length, is_new = self._estimator.margin, round(_LENGTH_S * self._rate_hz), False
         while len(self._rows) >= margin + length:
             start_ns, stop_ns = (
-                self._end_ns - self._lasts_ns(len(self._rows) - row) for row in (margin, margin + length)
+                block.arrived_ns - self._lasts_ns(len(self._rows) - row) for row in (margin, margin + length)
             )
             while len(self._touches) > 1 and self._touches[1][0] <= start_ns:
                 self._touches.popleft()

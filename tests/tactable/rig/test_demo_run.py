@@ -44,7 +44,7 @@ from tests.engine.made_states import rows_of
 from tests.engine.shared_recordings import recording_params
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import summary_of
-from tests.tactable.page.test_plate_page import PLATE
+from tests.tactable.page.test_live_bar import PLATE
 from tests.tactable.rig.strokes import DEMO_STROKES, Stroke, make_recording
 from tests.tools.virtual import VirtualLine
 

@@ -26,7 +26,7 @@ from tactable.shipped import find_device
 from tests.engine.loop.rig import DEVICE
 from tests.firmware_link.firmware.compiled_core import LIBRARY, make, need
 from tests.tactable.cli.in_process import run_here
-from tests.tactable.page.test_plate_page import plate
+from tests.tactable.page.test_live_bar import plate
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 
