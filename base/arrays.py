@@ -14,6 +14,8 @@ Mask = NDArray[np.bool_]
 Single = NDArray[np.float32]
 Complex32 = NDArray[np.complex64]
 Points = Array | Complex  # points of a surface (base.points): real on a bar, complex on a plate
+FIELD_POINTS = 61  # most points of a field along the longer side: 5 mm apart on 300 mm
+_ROUNDING = 1e-9
 
 
 def even_points(start_m: complex, stop_m: complex, along: int, across: int = 1) -> Any:
@@ -22,10 +24,6 @@ def even_points(start_m: complex, stop_m: complex, along: int, across: int = 1) 
     if not isinstance(start_m, complex):
         return x
     return (x + 1j * np.linspace(start_m.imag, stop_m.imag, across)[:, None]).ravel()
-
-
-FIELD_POINTS = 61  # most points of a field along the longer side: 5 mm apart on 300 mm
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ from pathlib import Path
 
 from base.errors import TactableError
 
+MEMORY = Path("/dev/shm")  # where Linux keeps files in memory
+_PREFIX = "tactable-work-"
+
 
 class FolderError(TactableError):
     """A folder cannot be made; the message names it and the remedy."""
@@ -183,10 +186,6 @@ def identity_of(path: Path) -> tuple[int, int, int]:
     """Inode, modification time and size: another file has another identity. Raises OSError."""
     status = path.stat()
     return status.st_ino, status.st_mtime_ns, status.st_size
-
-
-MEMORY = Path("/dev/shm")  # where Linux keeps files in memory
-_PREFIX = "tactable-work-"
 
 
 @contextlib.contextmanager

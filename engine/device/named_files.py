@@ -17,6 +17,7 @@ from engine.device.toml_table import read_text
 
 _TABLES = ("finger", "spread")  # that a name may stand for
 IMPEDANCE_HEADER = "frequency (Hz),real (N s/m),imaginary (N s/m)"
+_KEY = re.compile(r"(?:(\w+)(?:\[([1-9]\d{0,2})\])?\.)?(\w+)")
 
 
 def names_files(values: Mapping[str, Any]) -> bool:
@@ -126,9 +127,6 @@ def _read(path: Path, source: str, key: str) -> str:
         return read_text(path, DeviceError)
     except OSError as error:
         raise DeviceError(f"{source}: {key}: {path}: cannot be read: {error.strerror}") from error
-
-
-_KEY = re.compile(r"(?:(\w+)(?:\[([1-9]\d{0,2})\])?\.)?(\w+)")
 
 
 def text_with_values(text: str, values: Mapping[str, str | float | list[str]], source: str) -> str:

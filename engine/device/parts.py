@@ -14,6 +14,7 @@ from engine.device.actuator_transfer import Transfer
 _GREATEST_WORD = 65_535  # u16, as HELLO says the bias
 Lineariser = Literal["board", "amplifier", "nothing"]
 LINEARISERS: tuple[Lineariser, ...] = ("board", "amplifier", "nothing")
+PEAK_S = 0.025  # from a click's beginning to its peak: 26 ms in the median of the bars' tables, 31 of the plate's
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,6 @@ class Electrodes:
 def board_bias(electrodes: Iterable[Electrodes | None]) -> int:
     """The `electrode_bias` of the board that drives these; 0 where it does not linearise."""
     return next((each.bias_word for each in electrodes if each and each.linearised_by == "board"), 0)
-
-
-PEAK_S = 0.025  # from a click's beginning to its peak: 26 ms in the median of the bars' tables, 31 of the plate's
 
 
 class DeviceError(TactableError, ValueError):

@@ -38,6 +38,9 @@ from engine.touch import Digitizer, FingerTracker, Placement, Touch, TouchFrame,
 from engine.touch.debounce import fit_releases
 from engine.touch.sources import Described
 
+SAME_FINGER_M = 5e-3  # a finger that is farther away than this from one report to the next is taken for another one
+LATEST_NS = 100_000_000  # a click that comes later after its touch feels as a fault: it is not played
+
 
 def open_pipeline(
     described: Described,
@@ -216,12 +219,6 @@ class Pipeline:
         if latest_ns is not None and (due_ns is None or latest_ns < due_ns):
             due_ns = latest_ns
         self.due_ns = math.inf if due_ns is None else due_ns
-
-
-SAME_FINGER_M = 5e-3  # a finger that is farther away than this from one report to the next is taken for another one
-
-
-LATEST_NS = 100_000_000  # a click that comes later after its touch feels as a fault: it is not played
 
 
 class Answerer:

@@ -38,6 +38,7 @@ GREATEST_RATIO = 10.0  # the example above is a factor of 5, a wrong unit one of
 COARSEST_STEP = 0.01  # of the lowest frequency; rounding moves it by half of that, as 1 % of stiffness does
 LEAST_SAMPLES_A_PERIOD = 10  # held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost
 _UM_PER_M = 1e6
+MOST_OF_LEASE = 0.5  # share of the lease that a PLAY may take on the line: an older command is refused
 
 
 class RendererError(TactableError, ValueError):
@@ -185,9 +186,6 @@ def _notes_on_others(device: Device, capabilities: Capabilities) -> tuple[str, .
             f"{lease_ms:g} ms: a drive ends {capabilities.longest_lease_ms} ms after its last renewal"
         )
     return tuple(notes)
-
-
-MOST_OF_LEASE = 0.5  # share of the lease that a PLAY may take on the line: an older command is refused
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,10 @@ if TYPE_CHECKING:
 
 MOST_LEARNED = 256  # of fingers that rest while their effect clicks again
 NOT_PLAYED = -1  # stands in place of an amplitude where the device lacks the click's set, or the level is refused
+_SAME_M = 8e-3  # a measured finger that is nearer than that is the one: half a fingertip's width
+MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
+_Known = tuple[MeasuredFinger | None, ...]
+"""What was measured of each finger; empty: nothing of any."""
 
 
 class DriveCommand(NamedTuple):
@@ -233,10 +237,6 @@ def _wire_of(capabilities: Capabilities) -> tuple[float, ...]:
     )
 
 
-_SAME_M = 8e-3  # a measured finger that is nearer than that is the one: half a fingertip's width
-MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
-
-
 class _Drives:
     """Drives as commands for one connected device; silence for a level out of reach with `refuses`.
 
@@ -296,10 +296,6 @@ class SteadyDrives(_Drives):
                 self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz, known)
             )
         return found
-
-
-_Known = tuple[MeasuredFinger | None, ...]
-"""What was measured of each finger; empty: nothing of any."""
 
 
 def _solver_of(device: Device, modes: Modes, *, has_kernels: bool) -> "PlainSolver | SteadySolver":

@@ -14,8 +14,6 @@ from engine.device import Device
 
 SEED = 20230247606  # fixed: tables repeat bit for bit; other cases move expected contrasts by up to 4 dB (reference-a)
 _TRIES = 64  # mean correlation of three fingers: 0.148 of 8 tries, 0.139 of 64, 0.132 of 512 (50 ms)
-
-
 _WITHIN_95 = 1.96  # standard errors
 
 

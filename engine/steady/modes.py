@@ -16,6 +16,7 @@ from engine.touch.placement import Places
 
 _CUBIC = 4
 _MORE_NODES = 3  # Gauss's nodes beyond one for each radian of a wave along half a side: right to 1e-4
+_TOLERANCE = 3e-5  # principal components below it are left out; at each frequency the greatest motion is about 1
 
 
 @dataclass(frozen=True)
@@ -128,9 +129,6 @@ def held_zones(device: Device, positions_m: Points) -> list[int]:
     apart_m = np.asarray(positions_m)[:, None] - middle_m
     beyond_m = np.maximum(abs(np.real(apart_m)) - np.real(half_m), abs(np.imag(apart_m)) - np.imag(half_m))
     return sorted({int(zone) for zone in beyond_m.argmin(axis=1)})
-
-
-_TOLERANCE = 3e-5  # principal components below it are left out; at each frequency the greatest motion is about 1
 
 
 class CondensedModes:

@@ -20,6 +20,10 @@ from engine.touch import Placement
 from engine.touch.placement import Key, Places
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, Samples, weighted_sum
 
+NO_FINGER = -1  # stands in `finger_place` behind the last finger of a row
+NO_ROW = -1  # stands in `pair` where the table holds no such click
+FIGURES = ("peak_s", "residual_from_s", "residual_db")  # fields of an entry that are one real number
+
 
 @dataclass(frozen=True)
 class LevelSpread:
@@ -134,11 +138,6 @@ def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
         ),
         residual_db=click.residual_db + change_db,
     )
-
-
-NO_FINGER = -1  # stands in `finger_place` behind the last finger of a row
-NO_ROW = -1  # stands in `pair` where the table holds no such click
-FIGURES = ("peak_s", "residual_from_s", "residual_db")  # fields of an entry that are one real number
 
 
 @dataclass(frozen=True, eq=False)

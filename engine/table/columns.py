@@ -56,6 +56,16 @@ _VARIABLES = {
     "residual_db": Variable("residual_level", _CLICK, "dB", "strongest felt finger from then on"),
 }
 """The arrays of a file, by the fields of Clicks."""
+_FREQUENCY = Variable("frequency", ("frequency",), "Hz", "rising: the grid of the device, and resonances between")
+_THRESHOLD = Variable("threshold", ("frequency",), "m s-2", "detection threshold")
+_ALONG = Variable("along", ("along",), "m", "position from the start, an even grid from end to end")
+_ACROSS = Variable("across", ("across",), "m", "position across a plate, an even grid; 0 alone on a bar")
+_SHAPE = Variable("shape", ("across", "along", "function"), "kg-0.5", "functions; modes are first, others are plain")
+_DRIVE = Variable("drive", ("function", "actuator", "frequency", "part"), "m kg0.5", "share of it at full scale")
+_NATURAL = Variable("natural_frequency", ("mode",), "Hz", "without damping")
+_DAMPING = Variable("damping", ("mode",), "s-1", "damping over mass, without what dampers of the mounts add")
+_AT_ACTUATOR = Variable("shape_at_actuator", ("mode", "actuator"), "kg-0.5", "shape of a mode at an actuator")
+_DAMPER = Variable("damper", ("actuator",), "N s m-1", "damper of the mount that is not in the damping of the modes")
 
 
 def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:
@@ -118,18 +128,6 @@ def _read_basis(arrays: Arrays) -> Basis:
         return Basis(round(1 / (second_s - first_s)), tuple(sets))
     except MessageError as error:
         raise ValueError(str(error)) from error
-
-
-_FREQUENCY = Variable("frequency", ("frequency",), "Hz", "rising: the grid of the device, and resonances between")
-_THRESHOLD = Variable("threshold", ("frequency",), "m s-2", "detection threshold")
-_ALONG = Variable("along", ("along",), "m", "position from the start, an even grid from end to end")
-_ACROSS = Variable("across", ("across",), "m", "position across a plate, an even grid; 0 alone on a bar")
-_SHAPE = Variable("shape", ("across", "along", "function"), "kg-0.5", "functions; modes are first, others are plain")
-_DRIVE = Variable("drive", ("function", "actuator", "frequency", "part"), "m kg0.5", "share of it at full scale")
-_NATURAL = Variable("natural_frequency", ("mode",), "Hz", "without damping")
-_DAMPING = Variable("damping", ("mode",), "s-1", "damping over mass, without what dampers of the mounts add")
-_AT_ACTUATOR = Variable("shape_at_actuator", ("mode", "actuator"), "kg-0.5", "shape of a mode at an actuator")
-_DAMPER = Variable("damper", ("actuator",), "N s m-1", "damper of the mount that is not in the damping of the modes")
 
 
 def write_modes(writer: TableWriter, modes: Modes, device: Device) -> None:

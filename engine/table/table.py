@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from engine.steady.steady_solver import SteadySolver
 
 __all__ = ["Table", "TableError"]
+_LiveParts = tuple[Device, BestRows, Clicks, Modes | None]
+"""The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
 
 class Table:
@@ -236,10 +238,6 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
     if wanted is not None and wanted.name != own.name:
         return f"is a table of {own.name!r}, not of {wanted.name!r}; name the table of {wanted.name!r}, or build it"
     return f"is stale: it was built for another state of {own.name!r}; build it again"
-
-
-_LiveParts = tuple[Device, BestRows, Clicks, Modes | None]
-"""The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
 
 def _read_inside(path: Path, sealed: bool, verify: bool) -> _LiveParts:

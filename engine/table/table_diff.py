@@ -23,8 +23,6 @@ _AXES = {"frequency": "frequencies", "actuator": "actuators", "position": "place
 _INPUT_FINGERPRINT = "_input_fingerprint"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", BestRow, ClickEntry)
-
-
 DEFAULT_LIMIT_DB = 0.1  # changes of a level up to this are ignored: a tenth of what a finger can tell apart
 _FREQUENCY_LIMIT_HZ = 0.015  # a step on the wire is 0.01 Hz
 _UNITS = {
@@ -40,6 +38,7 @@ _UNITS = {
     "waveform": "%",
 }
 FIGURES = tuple(_UNITS)  # those of a best row are the ones up to phase_rad; `achieved` and the rest are of a click
+Sizes = Iterator[tuple[str, Value, Value, float]]  # figure, before, after, size
 
 
 @dataclass(frozen=True)
@@ -95,9 +94,6 @@ class StateChange:
         """Sort key, the worst is greatest: whether `achieved` changed, greatest change in dB, then in per cent."""
         largest = {unit: max((f.size for f in self.figures if f.unit == unit), default=0.0) for unit in ("dB", "%")}
         return any(f.figure == "achieved" for f in self.figures), largest["dB"], largest["%"]
-
-
-Sizes = Iterator[tuple[str, Value, Value, float]]  # figure, before, after, size
 
 
 def describe(felt: Sequence[str], quiet: Sequence[str], level_db: float | None) -> str:

@@ -5,8 +5,10 @@ nearest place. The fingers of a placement, each as the number 2 * place + 1 wher
 quiet, in rising order, are the key of a click.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -16,12 +18,12 @@ from engine.touch.finger_tracker import ZoneFinder, ZoneState
 
 if TYPE_CHECKING:
     from engine.device import Device
-import math
-from functools import cached_property
 
 MOST_FINGERS = 10  # two hands
 CLOSEST_M = 8e-3  # below it two fingers are one to the surface: a fingertip is wider, and they move alike
 _ROUNDING_M = 1e-9
+Key = tuple[int, ...]  # 2 * place + is_felt of each finger, rising
+_ROUNDING = 1e-9
 
 
 class PlacementError(TactableError, ValueError):
@@ -133,10 +135,6 @@ def _positions_m(device: "Device", named: Sequence[str | complex]) -> list[compl
             except QuantityError as error:
                 raise PlacementError(f"{error}; or one of the zones {', '.join(middle_m)}") from None
     return found_m
-
-
-Key = tuple[int, ...]  # 2 * place + is_felt of each finger, rising
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)

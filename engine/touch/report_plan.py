@@ -9,6 +9,10 @@ from engine.touch.quirks import QuirkClass, Validity, quirks_for
 # Linux takes 10 contacts where Contact Count Maximum is absent or above 250 (255 stands for "unset").
 _DEFAULT_MAXIMUM_CONTACTS = 10
 _LARGEST_MAXIMUM_CONTACTS = 250  # MT_MAX_MAXCONTACT of hid-multitouch.c
+# Shift and mask of a flag or number; shift, mask, sign bit and range of a position. `(value ^ sign) - sign` reads
+# `value` as two's complement.
+NumberBits = tuple[int, int]
+PositionBits = tuple[int, int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +23,6 @@ class Bits:
     stop: int
     shift: int
     mask: int
-
-
-# Shift and mask of a flag or number; shift, mask, sign bit and range of a position. `(value ^ sign) - sign` reads
-# `value` as two's complement.
-NumberBits = tuple[int, int]
-PositionBits = tuple[int, int, int, int, int]
 
 
 class SlotPlan(NamedTuple):

@@ -39,6 +39,11 @@ SHORT_S, MOST_SHIFT_S = 0.040, 0.010  # of a click of 30 ms: a third longer is o
 SAME_DB, JUMP_DB = 1.5, 3.0  # a finger tells about 1.5 dB; a jump is twice that
 MOST_SEGMENTS = 1024  # 20 s of steps that all differ; bounds the memory of an effect
 _NS_PER_S = 1_000_000_000
+FORMATS: Mapping[str, Callable[[Part], Pattern]] = MappingProxyType(
+    {ahap.FORMAT: ahap.read_ahap, haptic.FORMAT: haptic.read_haptic, hjif.FORMAT: hjif.read_hjif}
+)
+"""Readers by format, which is also the ending of a file's name."""
+MOST_BYTES = 4 << 20  # an event of 35 bytes each millisecond of the longest effect, 120 s
 
 
 class Fate(StrEnum):
@@ -262,13 +267,6 @@ def _segments(clicks: list[_Click], levels_db: Array) -> tuple[Segment, ...]:
         segments.append(Segment(None if is_click else (stop - start) * NS_PER_MS, level_db, is_click=is_click))
         end_ms = stop
     return tuple(segments)
-
-
-FORMATS: Mapping[str, Callable[[Part], Pattern]] = MappingProxyType(
-    {ahap.FORMAT: ahap.read_ahap, haptic.FORMAT: haptic.read_haptic, hjif.FORMAT: hjif.read_hjif}
-)
-"""Readers by format, which is also the ending of a file's name."""
-MOST_BYTES = 4 << 20  # an event of 35 bytes each millisecond of the longest effect, 120 s
 
 
 def read_effect_file(path: Path, name: str, full_level_db: float = FULL_LEVEL_DB) -> Converted:

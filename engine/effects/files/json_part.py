@@ -20,6 +20,12 @@ LONGEST_WORD = 64  # of names; a row of a report stays a row
 _STRING_OR_LAST_COMMA = re.compile(r'("(?:[^"\\]|\\[\s\S])*"?)|,(?=\s*[\]}])')
 """A string, also an unterminated one so that the scan stays linear, or a trailing comma, as in Apple's samples."""
 _GREATEST = 1e300  # Python reads 1e999 as infinity; what is less can still be scaled and compared
+MOST_PARTS = 10_000
+"""Events, and points of their courses, that references and curves of a file may make; ten times its most segments.
+
+Without a bound a few kB of references to effects of references take hours, and a control channel answers no other
+program meanwhile. So each part is counted before it is made, and so is each effect that makes none."""
+MOST_EVENT_S = 1200.0  # all continuous events of a file: ten of the longest; each millisecond is compared
 
 
 class Part:
@@ -122,14 +128,6 @@ def _refuse_constant(name: str) -> None:
 def clipped(intensity: float) -> float:
     """An intensity from 0 to 1, as the players of these formats clip it."""
     return min(max(intensity, 0.0), 1.0)
-
-
-MOST_PARTS = 10_000
-"""Events, and points of their courses, that references and curves of a file may make; ten times its most segments.
-
-Without a bound a few kB of references to effects of references take hours, and a control channel answers no other
-program meanwhile. So each part is counted before it is made, and so is each effect that makes none."""
-MOST_EVENT_S = 1200.0  # all continuous events of a file: ten of the longest; each millisecond is compared
 
 
 class Kind(StrEnum):

@@ -155,8 +155,6 @@ def _structures() -> dict[str, Any]:
 
 _MADE = _structures()
 Fast = _MADE["Fast"]
-
-
 MOST_CELLS = 1 << 22  # rows by two fingers, or amplitudes by level and row: 16 MiB; beyond, the Python loop answers
 _MOST_WEIGHTS = (CONSTANTS["LONGEST_BODY"] - CONSTANTS["PLAY_HEAD"]) // 2
 

@@ -27,6 +27,17 @@ from firmware_link.host.link_values import LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.messages import Play, Set, encode_set_body, seed_of
 
+_NEVER_NS = (1 << 63) - 1  # the greatest int64
+_QUIET = Segment(None, None)
+_WIDEST_FIELD = 56  # a field is read as eight bytes from the one that it begins in
+_KEYS = {
+    Key.CONTACT_ID: CONSTANTS["KEY_ID"],
+    Key.SLOT_IS_CONTACT_ID: CONSTANTS["KEY_SLOT"],
+    Key.SLOT_IS_CONTACT_ID_MINUS_ONE: CONSTANTS["KEY_SLOT_FROM_ONE"],
+    Key.SLOT_IS_CONTACT_NUMBER: CONSTANTS["KEY_NUMBER"],
+}
+_TRIGGERS = {Trigger.TOUCH: CONSTANTS["TOUCH"], Trigger.LIFT: CONSTANTS["LIFT"]}
+
 
 class Answer(NamedTuple):
     """A packet that was read during a wait, and the frame that was written for it, where there is one."""
@@ -87,18 +98,6 @@ class FastSession(Session):
         else:
             self.fast_counters.mispredicted += 1
             self.connect()
-
-
-_NEVER_NS = (1 << 63) - 1  # the greatest int64
-_QUIET = Segment(None, None)
-_WIDEST_FIELD = 56  # a field is read as eight bytes from the one that it begins in
-_KEYS = {
-    Key.CONTACT_ID: CONSTANTS["KEY_ID"],
-    Key.SLOT_IS_CONTACT_ID: CONSTANTS["KEY_SLOT"],
-    Key.SLOT_IS_CONTACT_ID_MINUS_ONE: CONSTANTS["KEY_SLOT_FROM_ONE"],
-    Key.SLOT_IS_CONTACT_NUMBER: CONSTANTS["KEY_NUMBER"],
-}
-_TRIGGERS = {Trigger.TOUCH: CONSTANTS["TOUCH"], Trigger.LIFT: CONSTANTS["LIFT"]}
 
 
 class Moment:

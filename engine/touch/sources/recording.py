@@ -16,6 +16,9 @@ _QUOTED = re.compile(r"^[> \t]+", re.MULTILINE)
 _LIBINPUT = re.compile(r"^devices:", re.MULTILINE)
 # Its lines of bits and axes, and events of a type and code of four digits, which no length of hid-recorder has.
 _EVEMU = re.compile(r"^(?:[AB]: [0-9a-f]{2} |E: [0-9.]+ [0-9a-f]{4} [0-9a-f]{4} -?\d+[ \t\r]*(?:#|$))", re.MULTILINE)
+NS_PER_S = 1_000_000_000
+PAUSE_NS = NS_PER_S  # pause between two repetitions of a recording
+_AT_ONCE_NS = 0  # any clock is past this
 
 
 class RecordingError(TactableError):
@@ -190,11 +193,6 @@ class _Line:
         if size != len(data):
             raise self.error(f"length {size} but {len(data)} bytes", "the line is cut off or edited: record again")
         return data
-
-
-NS_PER_S = 1_000_000_000
-PAUSE_NS = NS_PER_S  # pause between two repetitions of a recording
-_AT_ONCE_NS = 0  # any clock is past this
 
 
 class Playback:

@@ -47,8 +47,6 @@ CLICK_AHEAD_NS = 28_000_000  # as of reference-a
 
 Touch = tuple[int, complex]
 """Contact id and place, as fractions of the sides of the touch area; a real one lies in its middle across."""
-
-
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 
