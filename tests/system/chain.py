@@ -20,7 +20,7 @@ from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.link_errors import LinkError
-from tests.engine.made_states import LEVEL_DB, state_index
+from tests.engine.made_table import LEVEL_DB, state_index
 from tests.engine.render.made_steady import made_renderer
 
 DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")

@@ -19,7 +19,7 @@ from engine.touch.sources.recording import Playback
 from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome
 from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.host.serial_port import SerialPort
-from tests.engine.made_states import state_index, states_of
+from tests.engine.made_table import state_index, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.system.chain import BIT_RATE_HZ, DEVICE, ChainRun, driven_hz, is_silent, run_chain
 from tests.system.guest import DEMO, HELD, SWEPT, TAP, Broken, Happened, KernelDevice

@@ -13,7 +13,8 @@ from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import Drives, Effect, Effects, Rule, Segment, Trigger, burst
 from engine.loop.beside import ClickSolving, ControlSlot, Updates
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.fast_layout import FastRendering, with_fast_table
+from engine.loop.fast.fast_layout import NONE, FastRendering, with_fast_table
+from engine.loop.fast.fast_path import FastPath
 from engine.loop.fast.moment import FastLink, FastSession
 from engine.loop.loop import Clock, Loop, Measuring, connect
 from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observer, Observers, Timing, Trace
@@ -26,29 +27,72 @@ from engine.render.renderer import RenderedClicks, Renderer, Steady, ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows
 from engine.touch.sources import Source
-from engine.touch.sources.recording import Recording, Report
+from engine.touch.sources.recording import Playback, Recording, Report
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.serial_port import ReopeningPort
-from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
-from tests.engine.made_clicks import made_clicks
-from tests.engine.made_states import LEVEL_DB, state_index, states_of
+from tests.engine.made_table import LEVEL_DB, made_clicks, state_index, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 from tests.precompute.devices import shipped
 from tests.tools.virtual import VirtualLine
 
+_HEAD = struct.Struct("<qq")
 DEVICE = shipped("reference-a")
 NO_CLICKS = made_clicks(DEVICE, ())
 SLOTS = 4
 DESCRIPTOR = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
 BIT_RATE_HZ = 1_000_000
 CLICK_AHEAD_NS = 28_000_000  # as of reference-a
-
 Touch = tuple[int, complex]
 """Contact id and place, as fractions of the sides of the touch area; a real one lies in its middle across."""
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
+
+
+class Packets(Playback):
+    """A playback whose reports the compiled step may read, each behind its time."""
+
+    packet_head = _HEAD.size
+
+    def packet_fileno(self) -> int:
+        return -1
+
+    def next_packet(self, now_ns: int) -> bytes:
+        report = super().read(now_ns)
+        return b"" if report is None else _HEAD.pack(self.report_time_ns, 0) + report
+
+    def has_packet(self, now_ns: int) -> bool:
+        due_ns = self.next_time_ns()
+        return due_ns is not None and due_ns <= now_ns
+
+    def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
+        assert is_last is False or not self.has_packet(now_ns)
+        return packet[_HEAD.size :]
+
+
+class VirtualFastPath(FastPath):
+    """Waits as the line does, and writes to it."""
+
+    _clock: VirtualLine
+    _packets: Packets
+
+    def _run(self, until_ns: int) -> None:
+        fast, line = self._moment.fast, self._clock
+        fast.packet_size = fast.frame_size = fast.written = 0
+        line.wait(None if until_ns == NONE else until_ns, (-1,) if line.is_open else (), ())
+        now_ns = fast.read_ns = fast.written_ns = line.now_ns()
+        fast.readable[:] = (1,) * len(fast.readable)
+        packet = self._packets.next_packet(now_ns)
+        fast.packet_size = len(packet)
+        fast.packet[: len(packet)] = packet
+        self._library.fast_set_time(now_ns)
+        if packet and fast.can_answer and self._library.fast_answer(self._moment.address):
+            if self._packets.has_packet(now_ns):
+                fast.frame_size = 0
+            else:
+                fast.written = line.write(bytes(fast.frame[: fast.frame_size]))
+        self._library.fast_set_time(NONE)
 
 
 def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:

@@ -14,8 +14,7 @@ from engine.touch import Placement
 from firmware_link.emulator.drive_log import Cause
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, rendering_of, report
 from tests.engine.loop.test_table_swap import Later
-from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB, click_of, in_zones, made_clicks, number_of
 from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True

@@ -32,7 +32,7 @@ from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import random_frames, random_rules, varied_clicks
 from tests.engine.loop.rig import DEVICE, HELD, Rig, held, recording_of, rendering_of, report
 from tests.engine.loop.test_table_swap import Later
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB
 from tests.quick import first_quick
 from tests.tools.virtual import MS, VirtualLine
 

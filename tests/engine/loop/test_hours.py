@@ -24,7 +24,7 @@ from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
 from tactable.shipped import DEMO_RECORDING, find_device
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB
 from tests.engine.render.made_steady import made_renderer
 from tests.tools.virtual import VirtualLine
 

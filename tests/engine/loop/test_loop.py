@@ -31,8 +31,7 @@ from tests.engine.loop.rig import (
 )
 from tests.engine.loop.test_pipeline import EVERY_TRIGGER
 from tests.engine.loop.test_table_swap import Later
-from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB, click_of, in_zones, made_clicks, number_of
 from tests.engine.shared_recordings import recording_params
 from tests.tools.virtual import MS, VirtualLine
 

@@ -13,7 +13,7 @@ from engine.render.renderer import SILENCE, Command, DriveCommand
 from engine.touch import Placement
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.loop.rig import DEVICE, HELD, Rig, recording_of, report
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
 from tests.tools.virtual import MS
 

@@ -20,7 +20,7 @@ from engine.effects.rules import (
 from engine.loop.observer import Fate
 from firmware_link.emulator.drive_log import Cause
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
-from tests.engine.made_clicks import every_click
+from tests.engine.made_table import every_click
 from tests.quick import first_quick
 from tests.tools.virtual import MS, VirtualLine
 

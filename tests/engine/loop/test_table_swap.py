@@ -13,8 +13,7 @@ from engine.touch.sources.recording import Recording
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import Cause, Outcome
 from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, Rig, held, recording_of, rendering_of, report
-from tests.engine.made_clicks import click_of, in_zones, made_clicks
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB, click_of, in_zones, made_clicks
 from tests.tools.virtual import MS, VirtualLine
 
 CLICKS = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))

@@ -14,8 +14,7 @@ from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.drive_words import encode_drive
 from firmware_link.protocol.messages import Features
-from tests.engine.made_clicks import made_clicks
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB, made_clicks
 
 FULL_SCALE_M = 0.52e-6
 """Of the actuators of reference-a."""

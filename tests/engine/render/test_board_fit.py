@@ -18,9 +18,7 @@ from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
 from firmware_link.protocol.drive_words import decode_drive
 from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_body, encode_play_body
-from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_states import LEVEL_DB
-from tests.engine.made_table import write_table
+from tests.engine.made_table import LEVEL_DB, click_of, in_zones, write_table
 from tests.engine.render.made_steady import board
 from tests.precompute.devices import shipped
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from engine.device import Device
 from engine.render.limits import LimitError, clamp, link_configuration
 from engine.table.best_rows import BestRow
-from tests.engine.made_states import row_of
+from tests.engine.made_table import row_of
 from tests.precompute.devices import shipped
 
 REFERENCE = shipped("reference-a")

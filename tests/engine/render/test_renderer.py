@@ -31,9 +31,18 @@ from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.drive_words import decode_drive
 from firmware_link.protocol.messages import Features, Play, decode_body, encode_play_body
 from precompute.predict.at_positions import SteadyDesigner
-from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks, number_of, places_of
-from tests.engine.made_states import LEVEL_DB, row_of, rows_of
-from tests.engine.made_table import write_table
+from tests.engine.made_table import (
+    LEVEL_DB,
+    basis_of,
+    click_of,
+    in_zones,
+    made_clicks,
+    number_of,
+    places_of,
+    row_of,
+    rows_of,
+    write_table,
+)
 from tests.engine.render.made_steady import MadeSteady, board, plain_board
 from tests.precompute.devices import shipped
 

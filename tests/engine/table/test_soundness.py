@@ -11,9 +11,7 @@ import pytest
 
 from engine.table import Table
 from engine.table.schema import SCHEMA
-from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_states import rows_of
-from tests.engine.made_table import changed, replace_array, write_table
+from tests.engine.made_table import changed, click_of, in_zones, replace_array, rows_of, write_table
 from tests.engine.table.test_table import DEVICE, refusal
 
 Change = Callable[[h5py.File, Path], object]

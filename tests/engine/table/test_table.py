@@ -20,9 +20,7 @@ from engine.table.columns import write_modes
 from engine.table.netcdf_file import TableWriter, Variable
 from engine.touch import Placement, PlacementError
 from firmware_link.protocol.basis import Basis, BasisSet
-from tests.engine.made_clicks import click_of, in_zones, places_of
-from tests.engine.made_states import rows_of
-from tests.engine.made_table import modes_of, write_table
+from tests.engine.made_table import click_of, in_zones, modes_of, places_of, rows_of, write_table
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")

@@ -16,9 +16,7 @@ from engine.table.best_rows import BestRow, BestRows
 from engine.table.levels import shifted
 from engine.table.table_diff import TableDiff, Tolerance, compare_tables
 from engine.touch.placement import Places
-from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
-from tests.engine.made_states import row_of
-from tests.engine.made_table import write_table
+from tests.engine.made_table import basis_of, click_of, in_zones, made_clicks, row_of, write_table
 from tests.engine.table.test_table import DEVICE, TEXT
 
 LEVELS_DB = (20.0, math.inf)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from base.points import clip_points, order_of
 from engine.touch import Placement, PlacementError, ZoneState
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, Places, merged
-from tests.engine.made_states import state_index
+from tests.engine.made_table import state_index
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")

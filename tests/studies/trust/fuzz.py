@@ -37,9 +37,7 @@ from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import CalibrationError
 from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offered
 from tactable.page.page_messages import PageMessageError, decode_message
-from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_states import rows_of
-from tests.engine.made_table import reseal, write_table
+from tests.engine.made_table import click_of, in_zones, reseal, rows_of, write_table
 from tests.precompute.measurements.test_uff import nodes, response
 from tests.tactable.page.browser import encode_choice, encode_listen, encode_touches
 

@@ -16,9 +16,7 @@ from tactable.bench.control_bench import print_control_bench, run_control_bench
 from tactable.bench.step import RULES, STAGES, print_step_bench, run_step_bench
 from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 from tactable.shipped import device_folder, find_device
-from tests.engine.made_clicks import every_click
-from tests.engine.made_states import rows_of
-from tests.engine.made_table import write_table
+from tests.engine.made_table import every_click, rows_of, write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 MESSAGES = 10

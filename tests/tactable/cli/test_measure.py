@@ -23,7 +23,7 @@ from precompute.measurements.types import Kind
 from tactable.measure import verification
 from tactable.measure.sensor import SensorForm, write_header
 from tests.engine.loop.rig import DEVICE
-from tests.engine.made_states import rows_of
+from tests.engine.made_table import rows_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated")

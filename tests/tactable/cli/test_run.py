@@ -24,8 +24,7 @@ from tactable.cli.main import app
 from tactable.cli.options import read_rules
 from tactable.doctor.touch_check import Machine
 from tactable.shipped import find_device
-from tests.engine.made_states import rows_of
-from tests.engine.made_table import write_table
+from tests.engine.made_table import rows_of, write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
 from tests.tactable.cli.in_process import Line, run_here
 from tests.tactable.rig.strokes import Stroke, make_recording

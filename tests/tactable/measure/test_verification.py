@@ -19,8 +19,7 @@ from tactable.measure.verification import (
     Verdict,
     plan_played,
 )
-from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_table import write_table
+from tests.engine.made_table import click_of, in_zones, write_table
 from tests.precompute.devices import shipped
 
 PLAYED = Played(Placement((0.05,), (True,)), None, None)

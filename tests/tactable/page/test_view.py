@@ -19,7 +19,7 @@ from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_pic
 from tactable.page.processes.live_process import RingDrive
 from tactable.page.view import HEARD_S, JUDGED_S, LATENCIES, View
 from tactable.rig.promises import Promises, SampledPromises, SolvedClick
-from tests.engine.made_states import row_of, rows_of
+from tests.engine.made_table import row_of, rows_of
 from tests.tactable.page.played import COUNTERS, FRAME_US, RESOLUTION_HZ, STAGE_NS, record_of
 
 PAIR = Placement((0.035, 0.22), (True, False))

@@ -40,7 +40,7 @@ from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
 from tactable.run.click_process import solver_of
 from tactable.shipped import DEMO_RECORDING, find_device
-from tests.engine.made_states import rows_of
+from tests.engine.made_table import rows_of
 from tests.engine.shared_recordings import recording_params
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import summary_of

@@ -23,8 +23,7 @@ from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unp
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks
 from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
-from tests.engine.made_states import LEVEL_DB
-from tests.engine.made_table import write_table
+from tests.engine.made_table import LEVEL_DB, write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tactable.rules import HELD
 from tests.tools.processes import started

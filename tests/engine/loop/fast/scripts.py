@@ -13,8 +13,7 @@ from engine.touch.placement import Key
 from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.loop import rig
 from tests.engine.loop.rig import DEVICE, SLOTS
-from tests.engine.made_clicks import basis_of, click_of, made_clicks, places_of
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_table import LEVEL_DB, basis_of, click_of, made_clicks, places_of
 from tests.tools.virtual import MS
 
 LOUD_DB = LEVEL_DB + 6.0

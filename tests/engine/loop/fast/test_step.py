@@ -26,7 +26,7 @@ from tests.engine.loop.fast.scripts import (
 )
 from tests.engine.loop.fast.test_fast_path import FastRig, on_sockets
 from tests.engine.loop.rig import DEVICE, SLOTS, Rig, recording_of
-from tests.engine.made_states import LEVEL_DB, rows_of
+from tests.engine.made_table import LEVEL_DB, rows_of
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 from tests.quick import first_quick
 from tests.tools.guard import allowed

@@ -17,8 +17,7 @@ from tactable.bench.latency.stages import STAGES
 from tactable.cli.bench import EXIT_WORSE
 from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
-from tests.engine.made_clicks import every_click
-from tests.engine.made_table import write_table
+from tests.engine.made_table import every_click, write_table
 
 DEVICE = find_device("reference-a")
 HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
