@@ -20,10 +20,9 @@ from collections.abc import Container, Sequence
 from typing import Protocol
 
 from engine.loop.beside import AwaitedClicks, ClickSolving, Controls, ControlSlot, TableSwap, Updates
-from engine.loop.dispatcher import Dispatcher
+from engine.loop.dispatcher import Dispatcher, Reconnection, Reopening
 from engine.loop.observer import CommandRecord, Fate, Observer
 from engine.loop.pipeline import Pipeline
-from engine.loop.reconnect import Reconnection, Reopening
 from engine.render.renderer import SILENCE, Command
 from engine.steady.cases import MeasuredFinger
 from engine.touch.sources import Source
@@ -108,7 +107,7 @@ class Loop:
 
     `observer` gets a record for each report and each change that time brought. With `reconnect` a device that
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
-    (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes (`engine.loop.beside`), and
+    (`engine.loop.dispatcher`). With `updates` the loop changes to each table that comes (`engine.loop.beside`), and
     with `solving` it gets the clicks that no table holds (`engine.loop.beside`). With `control` programs decide
     who feels what (`engine.loop.beside`). With `measuring` steady drives are solved for fingers as it measured
     them.

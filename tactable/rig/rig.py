@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.beside import ClickSolving
+from engine.loop.dispatcher import Reopening
 from engine.loop.loop import Clock, SystemClock
 from engine.loop.observer import CommandRecord, Fate, LatencyRecorder, LoopCounters, Observers, Trace
-from engine.loop.reconnect import Reopening
 from engine.table import Table
 from engine.touch import Placement, Touch
 from engine.touch.sources import Source

@@ -10,7 +10,7 @@ from base.files import work_folder
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.beside import ClickSolving, ControlSlot, Updates
-from engine.loop.dispatcher import Dispatcher
+from engine.loop.dispatcher import Dispatcher, Reopening
 from engine.loop.fast.fast_layout import with_fast_table
 from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.library import FastPathError, compile_fast_path
@@ -19,7 +19,6 @@ from engine.loop.loop import Clock, Loop, Measuring, StopRequest, connect
 from engine.loop.observer import Observer, Observers, Timing
 from engine.loop.pipeline import LATEST_NS, open_pipeline
 from engine.loop.realtime import Outcome, Step, real_time
-from engine.loop.reconnect import Reopening
 from engine.loop.ring import RingWriter
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
