@@ -72,7 +72,7 @@ class Observer:
 
 
 TRIALS = (20, 40, 80, 160, 320)
-_OBSERVERS = 6
+_OBSERVERS = 3
 Columns = Callable[[Trial], Mapping[str, Any]]
 
 
@@ -90,14 +90,14 @@ def answer_all(
     return rows
 
 
-def fit_of(task: Task, observer: Observer, participant: str) -> TrackFit:
-    """One finger's threshold in a task, fitted to the answers of an observer."""
+def fits_of(task: Task, observer: Observer, participant: str) -> list[TrackFit]:
+    """The threshold of each track of a task, fitted to the answers of an observer."""
     protocol = Protocol("simulated", "simulated", observer.seed, False, (task,))
-    return fit_of_rows(protocol, answer_all(Session(protocol, participant), observer))[0][0]
+    return fit_of_rows(protocol, answer_all(Session(protocol, participant), observer))[0]
 
 
 def half_widths(task: Task) -> dict[int, float]:
-    """Half of the interval of the threshold (dB; a factor in dB of a discrimination) by trials a finger: the median.
+    """Half of the interval of the threshold (dB; a factor in dB of a discrimination) by trials a track: the median.
 
     Observers have thresholds spread over the middle half of the levels, and the usual slope and lapses.
     """
@@ -108,7 +108,7 @@ def half_widths(task: Task) -> dict[int, float]:
         asked, widths = replace(task, trials=trials), []
         for number, at_db in enumerate(spread_db.tolist()):
             given = {"jnd": at_db} if task.kind is Kind.DISCRIMINATION else {"threshold": at_db, "masking": 0.0}
-            fit = fit_of(asked, Observer(**given, seed=number), str(number))
-            widths.append((fit.threshold.high - fit.threshold.low) / 2)
+            fits = fits_of(asked, Observer(**given, seed=number), str(number))
+            widths += [(fit.threshold.high - fit.threshold.low) / 2 for fit in fits]
         found[trials] = float(np.median(widths))
     return found

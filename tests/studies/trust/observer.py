@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
-from tactable.experiment.observer import Observer, fit_of
+from tactable.experiment.observer import Observer, fits_of
 from tactable.experiment.protocol import Kind, Task
 from tests.studies.options import read_options
 
@@ -50,7 +50,7 @@ def recover(kind: str, runs: int) -> Recovery:
         drawn = random.Random(f"{kind} {run}")
         slope = 1.7 * 2 ** drawn.random()
         observer = Observer(threshold=drawn.uniform(-6, 14), slope=slope, seed=run, **KINDS[kind])
-        found, truth_db = fit_of(TASK, observer, str(run)).threshold, observer.threshold_db(TASK, middle)
+        found, truth_db = fits_of(TASK, observer, str(run))[0].threshold, observer.threshold_db(TASK, middle)
         held += found.low <= truth_db <= found.high
         half_db.append((found.high - found.low) / 2)
         error_db.append(found.middle - truth_db)
