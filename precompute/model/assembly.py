@@ -44,7 +44,7 @@ class BarPlant(Plant):
         """Number of degrees of freedom."""
         return self.K.shape[1]
 
-    @property
+    @cached_property
     def actuator_dof(self) -> Integers:
         """Shape (actuator,): the deflection that each actuator drives."""
         places = [actuator.position_m for actuator in self.device.actuators]
@@ -65,7 +65,7 @@ class BarPlant(Plant):
     def _joined(self) -> tuple[Integers, Array]:
         return _join(self.device, self.node_m)
 
-    @property
+    @cached_property
     def element_dof(self) -> Integers:
         """Shape (element, 4): the degrees of freedom that each element moves with."""
         return self._joined[0][:, None] + np.arange(4)

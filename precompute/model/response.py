@@ -62,9 +62,9 @@ def solve_response(plant: Plant, frequency_hz: Array, touched_m: Points | None =
     touched = plant.sampler(np.zeros(0) if touched_m is None else touched_m)
     points, width = len(touched.dof), max(own.dof.shape[1], touched.dof.shape[1])
     # Beyond an actuator's own degrees of freedom there are more of weight 0, so that all loads are of one width.
-    fill = width - own.dof.shape[1]
-    dof = np.concatenate([np.pad(own.dof, ((0, 0), (0, fill)), mode="edge"), touched.dof])
-    weight = np.concatenate([np.pad(own.weight, ((0, 0), (0, fill))), touched.weight])
+    spare, none = np.repeat(own.dof[:, -1:], width - own.dof.shape[1], axis=1), (len(own.dof), width - own.dof.shape[1])
+    dof = np.concatenate([np.hstack([own.dof, spare]), touched.dof])
+    weight = np.concatenate([np.hstack([own.weight, np.zeros(none)]), touched.weight])
     out = plant.solve(
         2 * np.pi * np.asarray(frequency_hz, dtype=np.float64),
         Sampler(dof, weight),
