@@ -13,8 +13,9 @@ from firmware_link.protocol.framing import (
     Signal,
     encode_frame,
     encode_message,
+    longest_stuffed_length,
 )
-from firmware_link.protocol.messages import KeepAlive, encode_body
+from firmware_link.protocol.messages import MAXIMUM_ACTUATORS, KeepAlive, encode_body, longest_body_length
 from tests.firmware_link.strategies import messages, sequences, unhurried
 
 ACTUATORS = 2
@@ -58,6 +59,13 @@ def test_no_bit_flip_is_accepted(body: bytes) -> None:
 @given(st.binary(max_size=600), bodies)
 def test_any_garbage_ends_at_the_next_delimiter(garbage: bytes, body: bytes) -> None:
     assert decode(garbage + b"\0" + encode_frame(body))[-1:] == [body]
+
+
+def test_the_longest_frame_has_room_whatever_its_bytes_are() -> None:
+    for actuators in range(1, MAXIMUM_ACTUATORS + 1):
+        body = b"\1" * longest_body_length(actuators)  # a byte is added where none is 0
+        room = longest_stuffed_length(actuators) - (len(encode_frame(body)) - 1)
+        assert room in (0, 1), actuators
 
 
 def test_overflow_is_counted_once_and_discarded() -> None:

@@ -72,7 +72,9 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/engine/effects/test_effect_player.py",
         "tests/engine/effects/test_control_step.py",
     ),
-    "engine/loop/beside.py": (_LOOP_CONTROL,),
+    "engine/loop/beside.py": (
+        *(_LOOP_CONTROL, "tests/engine/loop/test_table_swap.py", "tests/engine/loop/test_awaited_clicks.py"),
+    ),
     "tactable/control/requests.py": _control("steps", "control_server", "laws"),
     "tactable/control/control_server.py": _control("control_server", "laws"),
     "tactable/control/steps.py": _control("steps", "laws"),

@@ -142,6 +142,7 @@ def test_places_on_a_plate_are_texts_and_touches_there_have_both_coordinates() -
         ("/tactable/tap", [], "expected one of /tactable/trigger, "),
         ("/other", [], "expected one of /tactable/trigger, "),
         ("/tactable/trigger", ["press", "x"], r"\['press', 'x'\]: expected effect, finger"),
+        ("/tactable/trigger", ["press", 1.5], r"\['press', 1.5\]: expected effect, finger"),
         ("/tactable/region", ["ok", 1, 2, "touch"], "then pairs of event and effect"),
         ("/tactable/settings", ["0", 1], "expected enabled, rule_file"),
         ("/tactable/quiet", [3, "off"], "expected finger, and 1 for quiet or 0"),
