@@ -8,6 +8,8 @@ import pytest
 
 from engine.device import Device
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, click
+from engine.loop.beside import AwaitedClicks
+from engine.loop.observer import LoopCounters
 from engine.loop.pipeline import LATEST_NS
 from engine.table import ClickEntry, Clicks
 from engine.touch import Placement
@@ -135,6 +137,13 @@ def test_a_click_is_played_beyond_its_own_end_but_not_after_its_latest_time(take
     assert all(takes_ms <= after_ms < takes_ms + 3 for after_ms, _ in first)
     ((after_ms, what),) = answers(rig, tap=1)  # the same fingers again: it is known by now
     assert what == number(4, 0) and after_ms < 3 and len(rig.solver.asked) == 1
+
+
+@pytest.mark.parametrize("end_ns", [math.inf, -math.inf])
+def test_whether_a_solver_is_there_is_known_before_the_first_touch(end_ns: float) -> None:
+    pipeline = SolvingRig(taps(), 20).loop._pipeline
+    AwaitedClicks(Solving(VirtualLine(), 20, end_ns=end_ns), pipeline, LoopCounters(), lambda _: None)
+    assert pipeline.answerer.awaits_clicks == (end_ns > 0)
 
 
 def test_where_the_solver_ends_the_steady_drive_answers_the_touch_that_waits_and_each_later_one() -> None:
