@@ -21,10 +21,9 @@ class Play:
         condition_end_ns: int | None,
         click_length_ns: int,
     ) -> None:
-        self.trigger = (
-            by.on if isinstance(by, Rule) else None
-        )  # the event of the rule that began it; None: a program did
-        self.owner = None if isinstance(by, Rule) else by.owner  # number of that program
+        # The event of the rule that began it, or the number of the program that did.
+        self.trigger = by.on if isinstance(by, Rule) else None
+        self.owner = None if isinstance(by, Rule) else by.owner
         self.began_at = began_at
         self._click_length_ns = click_length_ns
         self.level_db: float | None = None  # with the change of its rule or trigger, without bounds; None: quiet

@@ -120,7 +120,7 @@ class Scene:
         return bool(self.rules[Trigger.HOLD] or self.rules[Trigger.DRAG])
 
     def rule_for(self, event: Trigger, touch: Touch) -> Rule | None:
-        """The first rule on an event that covers the finger; None: there is none, or it plays nothing."""
+        """The first rule on an event that covers the finger; None where no rule does, or where it plays nothing."""
         for rule in self.rules[event]:
             if rule.covers(touch):
                 return rule if rule.effect.envelope else None

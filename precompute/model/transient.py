@@ -99,7 +99,7 @@ class TransientPlant:
 
     def _moved(self, displacement: Array) -> Array:
         """What the bases do of what is commanded, through the delay and the transfer function of each actuator."""
-        if self._filters:
+        if self._filters and len(displacement):
             displacement = displacement.copy()
             for index, each in self._filters:
                 displacement[:, index] = each.run(displacement[:, index])

@@ -81,8 +81,8 @@ def test_the_bar_in_time_settles_to_the_response_in_frequency(device: Device) ->
     moving.touch(fingers)
     time_s = np.arange(round(0.6 * RATE_HZ)) / RATE_HZ
     command = np.stack([0.7 * np.cos(2 * np.pi * hz * time_s), np.sin(2 * np.pi * hz * time_s)], axis=1)
-    # In stretches of unequal length, between which the filters go on.
-    parts = [moving.accelerate(part) for part in np.split(command, [1, 5000, 5001])]
+    # In stretches of unequal length, two of them empty, between which the filters go on.
+    parts = [moving.accelerate(part) for part in np.split(command, [0, 1, 5000, 5000, 5001])]
     late = np.concatenate(parts)[-round(0.1 * RATE_HZ) :]
     turns = np.exp(-2j * np.pi * hz * time_s[-len(late) :])
     window = np.hanning(len(late))[:, None]
