@@ -227,7 +227,7 @@ class Answerer:
     A steady drive, and a click that the table holds, are answered at once. A click that it does not hold (three fingers
     and more) is *awaited* where clicks are solved beside the loop, which takes some milliseconds. On a machine that is
     busy it may take longer than the click would last: it is played all the same, but not after `patience_ns`. Where
-    nobody solves it, the steady drive for the same fingers is the answer.
+    no process solves it, the steady drive for the same fingers is the answer.
     """
 
     def __init__(self, renderer: Renderer) -> None:
